@@ -110,7 +110,7 @@ def test_a_legend_in_a_corner_covers_no_other_words():
     [
         ("positions", b"FoamFile\n{\n  version 2.0;\n}\n", "OpenFOAM's own: foamToVTK writes .vtk"),
         ("a.msh", b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "Gmsh's own"),
-        ("a.vts", b'<VTKFile type="StructuredGrid"></VTKFile>', "another VTK XML: ParaView saves"),
+        ("a.htg", b'<VTKFile type="HyperTreeGrid"></VTKFile>', "another VTK XML: ParaView saves"),
     ],
 )
 def test_formats_that_are_not_read_say_what_helps(name, content, advice):

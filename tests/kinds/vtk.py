@@ -123,3 +123,21 @@ _COORDINATES = "".join(
 )
 text("rectilinear grid of legacy VTK", "a.vtk", f"{_VTK} RECTILINEAR_GRID\nDIMENSIONS 5 6 7\n{_COORDINATES}{_P}",
      **_OF_GRID)  # fmt: skip
+
+
+# The same in XML: a box of 0.4 by 0.5 by 0.6, without the face that a layer of ghosts covers.
+
+_BOX = 0.4 * 0.5 + 2 * (0.4 * 0.6 + 0.5 * 0.6)
+_XML_GRID = {"n": len(_LATTICE), "places": _LATTICE, "volume": None, "area": _BOX, "ghosts": True, "names": ("p",)}
+_DEEPER = np.r_[_AXES[2], 0.7]
+_DEEP = np.stack(np.meshgrid(*_AXES[:2], _DEEPER, indexing="ij"), -1).transpose(2, 1, 0, 3).reshape(-1, 3)
+_LAST = (_DEEP[:, 2] > 0.65).astype("u1")
+_VALUES = f"<PointData>{array('p', np.ones(len(_DEEP)))}{array('vtkGhostType', _LAST)}</PointData>"
+_VALUES += f"<CellData>{array('vtkGhostType', np.repeat([0, 1], [120, 20]).astype('u1'))}</CellData>"
+text("structured grid of VTK XML", "a.vts",
+     xml("StructuredGrid", '<StructuredGrid WholeExtent="0 4 0 5 0 7"><Piece Extent="0 4 0 5 0 7">'
+         f"{_VALUES}<Points>{array('Points', _DEEP)}</Points></Piece></StructuredGrid>"), **_XML_GRID)  # fmt: skip
+text("rectilinear grid of VTK XML", "a.vtr",
+     xml("RectilinearGrid", '<RectilinearGrid WholeExtent="0 4 0 5 0 7"><Piece Extent="0 4 0 5 0 7">'
+         f"{_VALUES}<Coordinates>{array('x', _AXES[0])}{array('y', _AXES[1])}{array('z', _DEEPER)}</Coordinates>"
+         "</Piece></RectilinearGrid>"), **_XML_GRID)  # fmt: skip

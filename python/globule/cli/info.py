@@ -156,7 +156,7 @@ def _camera(path: str, particles: Particles, scene: Scene, surface: str) -> Came
 
 def _format_name(path: str) -> str:
     """What the content is."""
-    found, name = kind_of(path), path.lower()
+    found, name = kind_of(path), os.path.basename(path).lower()
     form = next((form for form in formats() if form.name == found.format), None)
     ending = max((ending for ending in _ENDINGS if name.endswith(ending)), key=len, default="")
     if ending and (form is None or form.name == "bgeo"):

@@ -14,6 +14,7 @@ from .size import check_text, whole_file
 
 _CHUNK = 1 << 22
 _LOOKED_AT = 4096  # bytes of a text
+_CONTROL = re.compile(rb"[\0-\x08\x0e-\x1f]")  # what is in no text
 _FORTRAN = r"(\d\.\d*|\.\d+)[dD]([+-]?\d{1,3})\b"  # 1.5D-03
 
 
@@ -189,14 +190,21 @@ def lines_of(path: Any, data: bytes) -> list[str]:
 
 
 def decoded(data: bytes) -> str:
-    """A text in UTF-16 that says so, or has a zero beside each letter of its beginning; else in
-    UTF-8, where bytes that are none become U+FFFD. Fortran's exponents become e."""
+    """A text in UTF-16 or UTF-32 that says so, or has zeros beside each letter of its beginning; else in
+    UTF-8, or where some bytes are none, in Windows' code 1252. Fortran's exponents become e."""
     begin = data[:_LOOKED_AT]
     code = "utf-8-sig"
-    if begin[:2] in (b"\xff\xfe", b"\xfe\xff"):
+    of_four = [any(begin[k::4]) for k in range(4)] if b"\0" in begin else []
+    if begin[:4] in (b"\xff\xfe\0\0", b"\0\0\xfe\xff"):
+        code = "utf-32"
+    elif begin[:2] in (b"\xff\xfe", b"\xfe\xff"):
         code = "utf-16"
-    elif b"\0" in begin:
-        even, odd = any(begin[::2]), any(begin[1::2])
+    elif of_four in ([True, False, False, False], [False, False, False, True]):
+        code = "utf-32-le" if of_four[0] else "utf-32-be"
+    elif of_four:
+        even, odd = of_four[0] or of_four[2], of_four[1] or of_four[3]
         code = "utf-16-le" if even and not odd else "utf-16-be" if odd and not even else code
     text = data.decode(code, errors="replace")
+    if "\ufffd" in text and not _CONTROL.search(begin) and b"\xef\xbf\xbd" not in data:
+        text = data.decode("cp1252", errors="replace")  # of Windows, and most of Latin-1
     return re.sub(_FORTRAN, r"\1e\2", text) if re.search(_FORTRAN, text[:_LOOKED_AT]) else text

@@ -568,6 +568,9 @@ def _usd_arrays(UsdGeom: Any, prim: Any, points: Any, when: Any) -> dict[str, An
         if name == "displayColor" and array.shape == (1, 3):
             array = np.repeat(array, len(x), axis=0)
         found[name] = array
+    widths = _usd_spheres(UsdGeom, prim, when, len(x))
+    if widths is not None:
+        found.setdefault("widths", widths)
     shown = _usd_shown(UsdGeom, prim, when, len(x))
     if shown is not None:
         found = {k: a[shown] if len(a) == len(x) else a for k, a in found.items()}
@@ -575,6 +578,31 @@ def _usd_arrays(UsdGeom: Any, prim: Any, points: Any, when: Any) -> dict[str, An
     if found.get("widths", np.empty(0)).shape == (1,):
         found["widths"] = np.repeat(found["widths"], len(x))
     return found
+
+
+def _usd_spheres(UsdGeom: Any, prim: Any, when: Any, n: int) -> Any:
+    """(n,) widths of instances of spheres, scaled alike in all directions; None for others."""
+    import numpy as np
+
+    if not prim.IsA(UsdGeom.PointInstancer):
+        return None
+    own = UsdGeom.PointInstancer(prim)
+    spheres = [prim.GetStage().GetPrimAtPath(place) for place in own.GetPrototypesRel().GetTargets()]
+    kinds, scales = own.GetProtoIndicesAttr().Get(when), own.GetScalesAttr().Get(when)
+    if not spheres or kinds is None or not all(sphere and sphere.IsA(UsdGeom.Sphere) for sphere in spheres):
+        return None
+    kinds = np.array(kinds, np.int64)
+    scales = np.ones((n, 3), np.float32) if scales is None else np.array(scales, np.float32).reshape(-1, 3)
+    if len(kinds) != n or len(scales) != n or not n or not 0 <= kinds.min() <= kinds.max() < len(spheres):
+        return None
+    if not np.allclose(scales, scales[:, :1], rtol=1e-3, atol=0):
+        return None
+    radii = []
+    for sphere in spheres:
+        radius = UsdGeom.Sphere(sphere).GetRadiusAttr().Get(when)
+        volume = UsdGeom.Xformable(sphere).GetLocalTransformation(when).GetDeterminant3()
+        radii.append((1.0 if radius is None else radius) * abs(volume) ** (1 / 3))
+    return (2 * np.array(radii)[kinds] * scales[:, 0]).astype(np.float32)
 
 
 def _usd_shown(UsdGeom: Any, prim: Any, when: Any, n: int) -> Any:

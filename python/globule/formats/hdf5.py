@@ -61,7 +61,7 @@ def count(
     def none(tree: Tree) -> Layout:
         nonlocal n
         layout = _layout(tree, frame, species, columns)
-        n = layout.arrays["positions"][0].n
+        n = sum(arrays["positions"][0].n for arrays in (layout.arrays, *layout.blocks))
         return Layout({})
 
     read_layout(path, none)
@@ -71,11 +71,15 @@ def count(
 def _some(layout: Layout, rows: tuple[int, int] | None) -> Layout:
     """With a range of the particles' rows."""
     if rows is not None:
-        n, (first, last) = layout.arrays["positions"][0].n, rows
-        for name, sources in layout.arrays.items():
-            layout.arrays[name] = [
-                s._replace(first=s.first + first, n=last - first) if s.n == n else s for s in sources
-            ]
+        begin = 0
+        for arrays in (layout.arrays, *layout.blocks):
+            n = arrays["positions"][0].n
+            first, last = (min(max(row - begin, 0), n) for row in rows)
+            for name, sources in arrays.items():
+                arrays[name] = [
+                    s._replace(first=s.first + first, n=last - first) if s.n == n else s for s in sources
+                ]  # fmt: skip
+            begin += n
     return layout
 
 
@@ -119,18 +123,31 @@ def read_layout(path: Any, layout_of: Callable[[Tree], Layout]) -> tuple[Layout,
 
     _, sent = decode("hdf5", path, _WHAT, choose=choose)
     tree, coming = layout.tree, iter(sent)
-    arrays: dict[str, np.ndarray] = {}
+    found: list[dict[str, np.ndarray]] = []
     with open(path, "rb") as file:
-        for name, sources in layout.arrays.items():
-            parts = []
-            for source in sources:
-                offset = _offset(tree, source)
-                part = next(coming) if offset < 0 else _from_file(tree, source, offset, file)
-                if len(sources) > 1 and part.shape[1:] == (1,):
-                    part = part[:, 0]
-                parts.append(part * source.scale if source.scale != 1.0 else part)
-            arrays[name] = parts[0] if len(parts) == 1 else np.stack(parts, axis=1)
-    return layout, arrays
+        for wanted in (layout.arrays, *layout.blocks):
+            arrays: dict[str, np.ndarray] = {}
+            for name, sources in wanted.items():
+                parts = []
+                for source in sources:
+                    offset = _offset(tree, source)
+                    part = next(coming) if offset < 0 else _from_file(tree, source, offset, file)
+                    if len(sources) > 1 and part.shape[1:] == (1,):
+                        part = part[:, 0]
+                    parts.append(part * source.scale if source.scale != 1.0 else part)
+                arrays[name] = parts[0] if len(parts) == 1 else np.stack(parts, axis=1)
+            found.append(arrays)
+    return layout, found[0] if len(found) == 1 else _joined(found)
+
+
+def _joined(blocks: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """The arrays that all blocks with particles have, one after the other."""
+    filled = [arrays for arrays in blocks if len(arrays["positions"])] or blocks[:1]
+    return {
+        name: np.concatenate([arrays[name] for arrays in filled])
+        for name, one in filled[0].items()
+        if all(name in arrays and arrays[name].shape[1:] == one.shape[1:] for arrays in filled)
+    }
 
 
 def _layout(tree: Tree, frame: int, species: str | None, columns: Any) -> Layout:

@@ -35,6 +35,7 @@ _H5MD_NAMES = {"position": "positions", "species": "type"}
 # Smoothing lengths by SWIFT are those of Dehnen & Aly 2012; the kernel ends at this many of them.
 _SWIFT_GAMMA = 1.825742  # cubic spline, the default of SWIFT
 _MOST_COLUMNS = 1000
+_VTKHDF = ("PolyData", "UnstructuredGrid")  # types of its data sets that are read
 
 
 class Source(NamedTuple):
@@ -61,11 +62,12 @@ class Layout:
     axes: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())  # of positions and offsets; (): all
     shift: tuple[float, ...] = (0.0, 0.0, 0.0)  # of all positions
     constants: dict[str, float] = field(default_factory=dict)  # one value for all particles
+    blocks: tuple[dict[str, list[Source]], ...] = ()  # arrays of more particles, behind these
     tree: Any = None
 
     def sources(self) -> Iterator[Source]:
         """All sources, in the order of reading."""
-        return (source for sources in self.arrays.values() for source in sources)
+        return (source for arrays in (self.arrays, *self.blocks) for sources in arrays.values() for source in sources)
 
 
 class Tree(dict[str, dict[str, Any]]):
@@ -308,52 +310,91 @@ def _h5md_box(tree: Tree, place: str, frame: int, n_frames: int) -> Box | None:
 
 
 def vtkhdf(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
-    """VTKHDF: PolyData or UnstructuredGrid, in pieces, over time ("VTKHDF File Format")."""
+    """VTKHDF: PolyData or UnstructuredGrid, in pieces, over time, and collections of such ("VTKHDF
+    File Format")."""
     if "/VTKHDF" not in tree:
         return None
-    kind = tree.attributes("/VTKHDF").get("Type", "")
-    if kind not in ("PolyData", "UnstructuredGrid"):
-        problem = f"expected Type PolyData or UnstructuredGrid, got {shown(str(kind))}"
-        raise tree.bad("/VTKHDF", problem)
-    points = tree.source("/VTKHDF/Points")
-    counts = tree.get("/VTKHDF/NumberOfPoints", {}).get("values", [points.n])
+    roots = vtkhdf_roots(tree, True)
+    times = [_values({k: tree[f"{r}/Steps/{k}"] for k in tree.children(f"{r}/Steps")}, "Values") for r in roots]
+    n_frames = max(max(len(values or [0.0]) for values in times), 1)
+    i = pick(n_frames)
+    time = next((values[i] for values in times if values and len(values) == n_frames), None)
+    first, *others = (
+        vtkhdf_block(tree, root, min(i, len(v or [0.0]) - 1)) for root, v in zip(roots, times, strict=True)
+    )
+    return Layout(first, time=_time(time), n_frames=n_frames, blocks=tuple(others))
+
+
+def vtkhdf_block(tree: Tree, root: str, frame: int) -> dict[str, list[Source]]:
+    """What to read of the data set of VTKHDF in a group."""
+    points = tree.source(f"{root}/Points")
+    counts = tree.get(f"{root}/NumberOfPoints", {}).get("values", [points.n])
     data = {
-        name: tree.source(f"/VTKHDF/PointData/{name}")
-        for name in tree.children("/VTKHDF/PointData")
-        if tree.rows(f"/VTKHDF/PointData/{name}") >= 0
+        name: tree.source(f"{root}/PointData/{name}")
+        for name in tree.children(f"{root}/PointData")
+        if tree.rows(f"{root}/PointData/{name}") >= 0
     }
-    if lost := [name for name in tree.children("/VTKHDF/CellData") if name not in (*data, "vtkGhostType")]:
+    if lost := [name for name in tree.children(f"{root}/CellData") if name not in (*data, "vtkGhostType")]:
         warnings.warn(f"{tree.path}: values of cells are left out: {', '.join(lost)[:200]}", stacklevel=2)
-    time, n_frames = None, 1
     first, n = 0, sum(counts)
     begins = dict.fromkeys(data, 0)
-    if "/VTKHDF/Steps" in tree:
-        steps = {k: tree[f"/VTKHDF/Steps/{k}"] for k in tree.children("/VTKHDF/Steps")}
-        values = _values(steps, "Values") or [0.0]
-        n_frames = len(values)
-        i = pick(n_frames)
-        time = values[i]
-        part, end = vtkhdf_parts(tree, i, len(counts))
-        first = frame_entry(tree, _values(steps, "PointOffsets"), i, sum(counts[:part]))
+    if f"{root}/Steps" in tree:
+        steps = {k: tree[f"{root}/Steps/{k}"] for k in tree.children(f"{root}/Steps")}
+        part, end = vtkhdf_parts(tree, frame, len(counts), root)
+        first = frame_entry(tree, _values(steps, "PointOffsets"), frame, sum(counts[:part]))
         n = sum(counts[part:end])
         for name in data:
-            offsets = tree.get(f"/VTKHDF/Steps/PointDataOffsets/{name}", {}).get("values")
-            begins[name] = frame_entry(tree, offsets, i, first)
+            offsets = tree.get(f"{root}/Steps/PointDataOffsets/{name}", {}).get("values")
+            begins[name] = frame_entry(tree, offsets, frame, first)
     for name, begin in (("Points", first), *begins.items()):
         rows = points.n if name == "Points" else data[name].n
         if begin < 0 or n < 0 or begin + n > rows:
             problem = f"expected at least {begin + n} rows, got {rows}"
-            raise tree.bad(f"/VTKHDF/{name}", problem)
+            raise tree.bad(f"{root}/{name}", problem)
     arrays = {"positions": [Source(points.place, first, n)]}
-    arrays |= {k: [Source(s.place, begins[k], n)] for k, s in data.items() if k != "positions"}
-    return Layout(arrays, time=_time(time), n_frames=n_frames)
+    return arrays | {k: [Source(s.place, begins[k], n)] for k, s in data.items() if k != "positions"}
 
 
-def vtkhdf_parts(tree: Tree, frame: int, n_parts: int) -> tuple[int, int]:
+def vtkhdf_roots(tree: Tree, warn: bool = False) -> list[str]:
+    """The groups of a VTKHDF file that are data sets with points: its own, or the blocks of a
+    collection in their order. Where some blocks are meshes and others particles, the meshes are left
+    out, and so are grids; with a warning if `warn`. Raises FormatError for others.
+    """
+    kind = tree.attributes("/VTKHDF").get("Type", "")
+    if kind in _VTKHDF:
+        return ["/VTKHDF"]
+    if kind not in ("PartitionedDataSetCollection", "MultiBlockDataSet"):
+        problem = f"expected Type {' or '.join(_VTKHDF)} or a collection, got {shown(str(kind))}"
+        raise tree.bad("/VTKHDF", problem)
+    places = [f"/VTKHDF/{name}" for name in tree.children("/VTKHDF") if name != "Assembly"]
+    blocks = {place: tree.attributes(place).get("Type") for place in places if not tree.is_data(place)}
+    found = [place for place, kind in blocks.items() if kind in _VTKHDF and tree.is_data(f"{place}/Points")]
+    if not found:
+        raise tree.bad("/VTKHDF", f"expected a block of Type {' or '.join(_VTKHDF)}, got none")
+    found.sort(key=lambda place: _number(tree.attributes(place).get("Index")))
+    filled = [place for place in found if tree.rows(f"{place}/Points") > 0]
+    meshes = [place for place in filled if _is_vtkhdf_mesh(tree, place)]
+    if len(meshes) == len(filled):
+        meshes = []  # all of them: they are drawn
+    lost = [*meshes, *(place for place, kind in blocks.items() if kind and kind not in _VTKHDF)]
+    if lost and warn:
+        names = ", ".join(place.removeprefix("/VTKHDF/") for place in lost)
+        warnings.warn(f"{tree.path}: blocks that are no particles are left out: {names[:200]}", stacklevel=2)
+    return [place for place in found if place not in meshes]
+
+
+def _is_vtkhdf_mesh(tree: Tree, place: str) -> bool:
+    """Whether a data set of VTKHDF has cells of more than one point."""
+    if tree.attributes(place).get("Type") == "PolyData":
+        return any(tree.rows(f"{place}/{name}/Connectivity") > 0 for name in ("Polygons", "Strips"))
+    return tree.rows(f"{place}/Connectivity") > max(tree.rows(f"{place}/Types"), 0)
+
+
+def vtkhdf_parts(tree: Tree, frame: int, n_parts: int, root: str = "/VTKHDF") -> tuple[int, int]:
     """The first part of a frame and the one behind its last; all where there are no frames."""
-    if "/VTKHDF/Steps" not in tree:
+    if f"{root}/Steps" not in tree:
         return 0, n_parts
-    steps = {name: tree.get(f"/VTKHDF/Steps/{name}", {}) for name in ("PartOffsets", "NumberOfParts")}
+    steps = {name: tree.get(f"{root}/Steps/{name}", {}) for name in ("PartOffsets", "NumberOfParts")}
     first = frame_entry(tree, _values(steps, "PartOffsets"), frame, frame)
     return first, first + frame_entry(tree, _values(steps, "NumberOfParts"), frame, 1)
 

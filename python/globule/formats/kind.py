@@ -6,6 +6,7 @@ is of no known format, so that the reader of that format says what is wrong with
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 import stat
@@ -22,6 +23,7 @@ from .registry import FORMATS, Format, formats
 from .table import has_comma, separator_of
 
 _HEAD = 1 << 16  # bytes that are looked at
+_GRID_HEAD = 4096  # bytes in which legacy VTK says what it holds
 _LINES = 60  # of text
 _MOST_OPENED = 20  # files of a folder
 _FEWEST_COLUMNS = 3
@@ -113,7 +115,8 @@ def kind_of(path: str | os.PathLike[str], wanted: str | None = None) -> Kind:
     Args:
         path: of a file or folder.
         wanted: a kind that counts where neither content nor ending tells it from others: an .npz
-            that is cut off may have been particles, a volume or a sweep.
+            that is cut off may have been particles, a volume or a sweep; a grid of VTK with evenly
+            spaced values is a volume, and particles or a mesh where those are wanted.
 
     Raises FormatError if neither the content nor the extension determines the kind, and for a
     pipe or a device; TypeError if `path` is no path; FileNotFoundError and other OSErrors pass
@@ -128,7 +131,25 @@ def kind_of(path: str | os.PathLike[str], wanted: str | None = None) -> Kind:
     if found is None:
         expected = "particles, a mesh, a volume, a sweep, a picture or a scene"
         raise bad(path, "", f"expected {expected}, got {_other(path)}")
+    if found.format in ("vtk", "vts", "vtr") and wanted not in ("particles", "mesh"):
+        state = os.stat(path)
+        if _is_even_grid(os.path.abspath(path), found.format, state.st_mtime_ns, state.st_size):
+            return found._replace(kind="volume")
     return found
+
+
+@functools.lru_cache(256)
+def _is_even_grid(path: str, form: str, changed: int, size: int) -> bool:
+    """Whether a file of VTK is a grid of evenly spaced values, once for each state of it."""
+    from .vtk_xml_grids import is_volume  # where it is needed: most files are none
+
+    with unpacked(path) as plain:
+        if form == "vtk":
+            with open(plain, "rb") as file:
+                head = file.read(_GRID_HEAD)
+            if not re.search(rb"\nDATASET[ \t]+(STRUCTURED|RECTILINEAR)_GRID\b", head, re.IGNORECASE):
+                return False
+        return is_volume(plain)
 
 
 def _other(path: Any) -> str:
@@ -138,10 +159,10 @@ def _other(path: Any) -> str:
     return next((said for content, said in _OTHERS if re.match(content, head)), "data of no known format")
 
 
-def kind_or_none(path: str | os.PathLike[str]) -> Kind | None:
+def kind_or_none(path: str | os.PathLike[str], wanted: str | None = None) -> Kind | None:
     """As `kind_of`, but None where `kind_of` raises FormatError."""
     try:
-        return kind_of(path)
+        return kind_of(path, wanted)
     except FormatError:
         return None
 
@@ -226,7 +247,7 @@ def _by_magic(head: bytes, size: int) -> Kind | None:
     if re.match(rb"\s*(ObjectType|NDims|Comment)\s*=", head) and b"DimSize" in head:
         return Kind(_tracked(head.split(b"ElementDataFile")[0]), "metaimage")
     if head[:4] in (b"ply\n", b"ply\r"):
-        faces = re.search(rb"^element face +0*[1-9]", head.split(b"end_header")[0], re.MULTILINE)
+        faces = re.search(rb"^element (?:face|tristrips) +0*[1-9]", head.split(b"end_header")[0], re.MULTILINE)
         return Kind("mesh" if faces else "particles", "ply")
     if len(head) >= 84 and size == 84 + 50 * int.from_bytes(head[80:84], "little"):
         return Kind("mesh", "stl")

@@ -180,7 +180,7 @@ def read_data(path: str | os.PathLike[str], atom_style: str | None = None) -> Co
         counts: tuple[str, ...] = ("atoms", *_HEADERS) if len(words) == 2 else ()
         if len(words) == 3 and words[1:] == ["atom", "types"]:
             head["types"] = words[:1]
-        for width, wanted in ((1, counts), (2, ("xlo", "ylo", "zlo")), (3, ("xy",))):
+        for width, wanted in ((1, counts), (2, ("xlo", "ylo", "zlo")), (3, ("xy", "avec", "bvec", "cvec", "abc"))):
             if len(words) > width and words[width] in wanted:
                 head[words[width]] = words[:width]
     count = head.get("atoms", [""])[0]
@@ -198,12 +198,7 @@ def read_data(path: str | os.PathLike[str], atom_style: str | None = None) -> Co
         got = len(rows) if len(rows) < n else f"{shown(behind.strip())} behind them"
         raise bad(path, f"line {at + 1}", f"expected {n} atoms, got {got}")
     rows = rows[:n]
-    try:
-        bounds = [[float(v) for v in head[axis]] for axis in ("xlo", "ylo", "zlo")]
-        tilt = [float(v) for v in head.get("xy", ("0", "0", "0"))]
-        box = _box(bounds, tilt, (True, True, True))
-    except (KeyError, ValueError):
-        box = None
+    box = _data_box(head)
     names = ["id", "x", "y", "z"]
     if rows:
         some = [line.partition("#")[0].split() for _, line in rows[:_LOOKED_AT]]
@@ -291,14 +286,16 @@ def _dump_box(path: Any, lines: list[str], at: int, title: str, before: int) -> 
         rows = [[float(v) for v in line.split()] for line in lines[at + 1 : at + 4]]
     except ValueError:
         raise _bad_box(path, before + at) from None
-    width = 3 if "xy" in title else 2
+    general = title.split()[:2] == ["abc", "origin"]
+    width = 4 if general else 3 if "xy" in title else 2
     if len(rows) != 3 or any(len(row) < width for row in rows):
         raise _bad_box(path, before + at)
     periodic = tuple(word == "pp" for word in title.split()[-3:])
     if len(periodic) != 3:
         periodic = (False, False, False)
-    if "abc" in title.split():
-        return None
+    if general:  # each line: an edge, and one coordinate of the corner
+        table = np.array([row[:4] for row in rows])
+        return _general_box(table[:, :3], table[:, 3], periodic)
     tilt = [row[2] for row in rows] if width == 3 else [0.0, 0.0, 0.0]
     bounds = [row[:2] for row in rows]
     # A triclinic box is written as the bounds of its corners (LAMMPS, "Howto triclinic").
@@ -322,6 +319,25 @@ def _box(bounds: list[list[float]], tilt: list[float], periodic: Any) -> Box | N
     if not (np.isfinite(edges).all() and np.isfinite(lo).all()):
         return None
     return Box(lo, edges, periodic)
+
+
+def _data_box(head: dict[str, list[str]]) -> Box | None:
+    """The box of a data file's header; None without one."""
+    try:
+        if "avec" in head:
+            edges = np.array([head[edge] for edge in ("avec", "bvec", "cvec")], np.float64)
+            return _general_box(edges, np.array(head.get("abc", ["0"] * 3), np.float64), (True, True, True))
+        bounds = [[float(v) for v in head[axis]] for axis in ("xlo", "ylo", "zlo")]
+        return _box(bounds, [float(v) for v in head.get("xy", ("0", "0", "0"))], (True, True, True))
+    except (KeyError, ValueError):
+        return None
+
+
+def _general_box(edges: np.ndarray, origin: np.ndarray, periodic: Any) -> Box | None:
+    """A box whose edges have any direction."""
+    if not (np.isfinite(edges).all() and np.isfinite(origin).all()):
+        return None
+    return Box(origin.copy(), edges.copy(), periodic)
 
 
 def _is_known(style: list[str]) -> bool:
@@ -423,16 +439,20 @@ def _columns(path: Any, names: list[str], rows: list[str], first: int) -> dict[s
     if len(words) != len(names):
         raise bad(path, f"line {first}", f"expected {len(names)} columns, got {len(words)}")
     numeric = [i for i, word in enumerate(words) if _is_number(word)]
-    require_different(path, f"line {first - 1}", names)
+    again = [i for i, name in enumerate(names) if name in names[:i]]  # LIGGGHTS' own dumps: id type type x y z
     if not numeric:
         raise bad(path, f"line {first}", f"expected columns of numbers, got {shown(rows[0])}")
     options: dict[str, Any] = {"comments": "#"}
     if len(numeric) < len(words):
         options["usecols"] = numeric
     table = parse_rows(path, rows, first, len(numeric), **options)
+    of_name = {names[i]: table[:, k] for k, i in reversed([*enumerate(numeric)])}
+    if not all(i in numeric and np.array_equal(table[:, numeric.index(i)], of_name[names[i]]) for i in again):
+        require_different(path, f"line {first - 1}", names)
     return {
         names[i]: whole_numbers(path, names[i], table[:, k], words[i], rows, i, comments="#")
         for k, i in enumerate(numeric)
+        if i not in again
     }
 
 

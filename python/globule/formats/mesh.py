@@ -19,7 +19,6 @@ import numpy as np
 from .._base.checks import missing, positive
 from .._base.colormaps import to_linear
 from ..data.particles import Particles, relative
-from ..data.spacing import neighbor_spacing
 from ..data.surface import MOST_SAMPLES, sampled_particles, vertex_particles
 from .errors import FormatError, bad
 from .kind import kind_of, wrong_kind
@@ -162,7 +161,7 @@ def _check_instances(name: str, scene: Any) -> None:
 
 
 def _points(name: str, parts: list[Any]) -> Particles:
-    """What a file without triangles has: points, as near or far from each other as they are."""
+    """What a file without triangles has: points."""
     found = [np.asarray(part.vertices) for part in parts if len(part.vertices)]
     if not found:
         if name.lower().endswith(".stl"):
@@ -172,8 +171,7 @@ def _points(name: str, parts: list[Any]) -> Particles:
     positions = positions.astype(np.float32)
     shown = f"its {len(positions):,} vertices are shown as points"
     warnings.warn(f"{name}: expected a mesh with faces, got none: {shown}", stacklevel=2)
-    support = 2 * neighbor_spacing(positions)
-    return Particles(positions, support=support, origin=origin)
+    return Particles(positions, origin=origin)
 
 
 @opens_packed

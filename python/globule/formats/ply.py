@@ -18,7 +18,7 @@ from ..data.surface import vertex_particles
 from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
 from .mesh import sample_mesh
-from .ply_data import Element, read_columns, read_faces
+from .ply_data import Element, read_columns, read_faces, read_strips
 from .size import whole_file
 
 _TYPES = {
@@ -51,6 +51,7 @@ _WRITTEN = {
     "f8": "double",
 }
 _ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
+_FACES = ("face", "tristrips")  # elements
 _LONGEST_HEADER = 1 << 20
 
 
@@ -71,11 +72,12 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]
     there are faces, 8-bit colors are taken as sRGB."""
     data = whole_file(path, 12.0)
     elements, order, position = _header(path, data)
-    faces_of = next((e for e in elements if e.name == "face" and e.count and e.has_lists), None)
+    faces_of = next((e for e in elements if e.name in _FACES and e.count and e.has_lists), None)
     columns, faces = None, None
     for element in elements:
         if element is faces_of:
-            faces, position = read_faces(path, data, position, element, order)
+            read_them = read_strips if element.name == "tristrips" else read_faces
+            faces, position = read_them(path, data, position, element, order)
         else:
             found, position = read_columns(path, data, position, element, order)
             columns = found if element.name == "vertex" else columns
@@ -95,7 +97,9 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]
         return particles, np.empty((0, 3), np.int64)
     if not 0 <= faces.min() <= faces.max() < len(particles):
         got = f"{faces.min()} to {faces.max()}"
-        raise bad(path, "element face", f"expected indices below {len(particles)}, got {got}")
+        raise bad(
+            path, f"element {faces_of.name}" if faces_of else "", f"expected indices below {len(particles)}, got {got}"
+        )
     if bytes_of_color and particles.color is not None:
         particles.color = to_linear(particles.color).astype(np.float32)
     return particles, faces

@@ -149,6 +149,25 @@ def read_faces(path: Any, data: bytes, position: int, element: Element, order: s
     return np.concatenate([np.empty((0, 3), np.int64), *fans]), position
 
 
+def read_strips(path: Any, data: bytes, position: int, element: Element, order: str) -> tuple[np.ndarray | None, int]:
+    """As `read_faces`, of strips of triangles in each of which -1 begins another strip."""
+    name = next((p[0] for p in element.properties if p[0] in _CORNERS and p[2]), None)
+    if name is None:
+        return None, read_columns(path, data, position, element, order)[1]
+    lists: dict[str, list[list[float]]] = {name: []}
+    _, position = _columns_with_lists(path, data, position, element, order, lists)
+    found = [np.empty((0, 3), np.int64)]
+    for one in lists[name]:
+        corners = _cast(path, element, name, np.array(one, np.float64), "i8")
+        three = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1) if len(corners) > 2 else found[0]
+        begins = np.where(corners < 0, np.arange(len(corners)) + 1, 0)
+        odd = (np.arange(len(three)) - np.maximum.accumulate(begins)[: len(three)]) % 2 == 1
+        three[odd] = three[odd][:, [1, 0, 2]]
+        apart = (three[:, 0] != three[:, 1]) & (three[:, 1] != three[:, 2]) & (three[:, 0] != three[:, 2])
+        found.append(three[apart & (three >= 0).all(axis=1)])
+    return np.concatenate(found), position
+
+
 def _equal_faces(data: bytes, position: int, element: Element, order: str, name: str) -> tuple[np.ndarray, int] | None:
     """Binary faces (F, k) that all have as many corners as the first, or None. This is the usual
     case, and a thousand times faster than row by row."""

@@ -45,7 +45,7 @@ from .fields import (
 )
 from .frames import frame_by_column, tells_frames, text_frame
 from .packed import is_packed, unpacked_head
-from .units import held_units, in_one_unit, split_units
+from .units import held_units, in_one_unit, meters, split_units
 
 # Columns of a .pts file, by their number: the intensity, and colors up to 255.
 _POINTS = {
@@ -180,15 +180,19 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         if comments:
             head = comments[-1]
             text = lines[head].strip().lstrip("#%/ ")
-            for mark in dict.fromkeys((separator, separator_of(text))):
-                if len(words := _csv_words(path, text, head, mark)) == len(names):
-                    said = words
-                    break
+            said = _said_names(path, text, head, separator, len(names))
         words_only = said and not any(map(_is_number, said))
         names = said if words_only else _default_names(len(names))
         unnamed = not words_only
     else:
         start += 1
+        if all(re.fullmatch("'[^']*'", name) for name in names):
+            names = [name.strip("'") for name in names]
+        below = next((i for i in range(start, len(lines)) if _is_row(lines[i])), None)
+        if below is not None:
+            said_below = _units_below(path, names, _csv_words(path, lines[below], below, separator))
+            if said_below is not names:
+                names, start = said_below, below + 1
     first = next((i for i in range(start, len(lines)) if _is_row(lines[i])), None)
     words = ["0"] * len(names)
     if first is not None:
@@ -233,6 +237,32 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     return Contents(particles, units=held_units(particles, units))
 
 
+def _said_names(path: Any, text: str, i: int, separator: str | None, n: int) -> list[str]:
+    """The words of a comment that names n columns; none of another comment. Names between blanks may
+    have a unit behind them, or blanks of their own where two and more separate them: as of COMSOL."""
+    for mark in dict.fromkeys((separator, separator_of(text))):
+        if len(words := _csv_words(path, text, i, mark)) == n:
+            return words
+    for words in (re.sub(r"\s+([\[(][^\])]*[\])])", r"\1", text).split(), re.split(r"\s{2,}", text.strip())):
+        if len(words) == n:
+            return words
+    return []
+
+
+def _units_below(path: Any, names: list[str], words: list[str]) -> list[str]:
+    """Names with the units that the row below them has for each place, as loggers write them; the
+    names as they are without such a row."""
+    if any(map(_is_number, words)) or len(words) != len(names):
+        return names
+    axes = place_names(names)
+    places = [word.strip("[]()") for name, word in zip(names, words, strict=True) if axes.get(name, name) in ("x", "y")]
+    if len(places) != 2 or not all(map(meters, places)):
+        return names
+    return [
+        f"{name} [{plain}]" if (plain := word.strip("[]()")) else name for name, word in zip(names, words, strict=True)
+    ]
+
+
 def _titles(lines: list[str], start: int) -> int:
     """The line that names x and y behind titles that name no place, as EDEM and CFD-Post write
     them; `start` where there is none."""
@@ -247,7 +277,7 @@ def _titles(lines: list[str], start: int) -> int:
 
 def _is_row(line: str) -> bool:
     text = line.strip()
-    return bool(text) and text[0] not in "#%"
+    return bool(text.strip(';,|\t"')) and text[0] not in "#%"  # Excel writes rows of separators alone
 
 
 def separator_of(line: str) -> str | None:
@@ -339,6 +369,12 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
     rows = lines[start:]
     if count is not None and any("#" in line for line in rows):
         rows = [line.partition("#")[0] for line in rows]
+    units: dict[str, str] = {}
+    if names and len(names) != len(words) and head[0].startswith("#"):  # with units behind them
+        said, units = split_units(_said_names(path, lines[0].replace("#", " ", 1), 0, None, len(words)))
+        axes = place_names(said)
+        names = [axes.get(name, name) for name in said] or names
+        units = {axes.get(name, name): unit for name, unit in units.items()}
     elements: dict[str, np.ndarray] = {}
     kinds: dict[str, dict[int, str]] = {}
     unnamed = False
@@ -357,7 +393,9 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
             words[:skip] = ["element"] * skip
     if count == 0:
         names = words = _default_names(3)
-    particles = _assemble(path, names, words, rows, before + start + 1, None, extra=elements, unnamed=unnamed)
+    particles = _assemble(
+        path, names, words, rows, before + start + 1, None, extra=elements, unnamed=unnamed, units=units
+    )
     particles.names = kinds
     if count is not None and len(particles) != count:
         problem = f"expected {count} particles (line {before + 1}), got {len(particles)}"
@@ -427,8 +465,11 @@ def _assemble(
     try:
         rows = parse_rows(path, lines, first_line, len(numeric), **options)
     except FormatError:  # a missing number of an attribute is NaN; a missing position is a mistake
+        as_they_are = lines
+        if separator:
+            lines = [line if line.strip(f'{separator} \t\r"') else "" for line in lines]
         filled = _with_nan(lines, separator)
-        if filled == lines:
+        if filled == as_they_are:
             raise
         rows, lines = parse_rows(path, filled, first_line, len(numeric), **options), filled
         places = [k for k, i in enumerate(numeric) if names[i].lower() in ("x", "y", "z")]

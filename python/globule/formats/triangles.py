@@ -12,14 +12,14 @@ import numpy as np
 
 from ..data.particles import Particles
 from ..data.triangles import Triangles
-from . import mesh, ply, vtk_legacy, vtk_parts, vtk_xml, vtkhdf, xdmf
+from . import mesh, ply, vtk_legacy, vtk_parts, vtk_xml, vtk_xml_grids, vtkhdf, xdmf
 from .errors import FormatError, bad
 from .fields import given_from
 from .kind import Kind, kind_of, kind_or_none, wrong_kind
 from .packed import opens_packed
 from .size import whole_file
 
-_FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", "xdmf", "hdf5", *vtk_parts.FORMATS)
+_FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", "vts", "vtr", "xdmf", "hdf5", *vtk_parts.FORMATS)
 
 
 def read(path: str | os.PathLike[str], origin: Any = "auto") -> Triangles:
@@ -54,6 +54,8 @@ def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarr
         return vtk_legacy.read_triangles(path)
     if kind.format in ("vtp", "vtu"):
         return vtk_xml.read_triangles(path)
+    if kind.format in ("vts", "vtr"):
+        return vtk_xml_grids.read_triangles(path)
     if kind.format == "xdmf":
         return xdmf.read_triangles(path)
     if kind.format == "hdf5":
@@ -62,7 +64,7 @@ def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarr
         return mesh.read_triangles(path)
     parts, faces, first = [], [np.empty((0, 3), np.int64)], 0
     for place in vtk_parts.places(path, kind.format):
-        if not has_faces(place):
+        if not part_has_faces(place):
             continue  # particles beside the mesh, or nothing
         part, found = _read(place, kind_of(place, "mesh"))
         parts.append(part)
@@ -71,13 +73,22 @@ def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarr
     return vtk_parts.join(parts or [Particles(np.empty((0, 3)))]), np.concatenate(faces)
 
 
-@opens_packed
 def has_faces(path: str | os.PathLike[str]) -> bool:
     """Whether a file holds a triangle mesh and no particles beside, as far as its header or a
     glance tells; of several frames, the first one or that of a `FrameOf`. False for what cannot be
     read: its reader says why."""
+    return _some_have_faces(path, None)
+
+
+def part_has_faces(path: str | os.PathLike[str]) -> bool:
+    """As `has_faces`, where evenly spaced grids are no volumes: of a part of a collection, by name in a program."""
+    return _some_have_faces(path, "mesh")
+
+
+@opens_packed
+def _some_have_faces(path: str | os.PathLike[str], wanted: str | None) -> bool:
     try:
-        kind = kind_or_none(path)
+        kind = kind_or_none(path, wanted)
         if kind is None:
             return False
         if kind.format in vtk_parts.FORMATS:
@@ -91,12 +102,16 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
 @functools.lru_cache(1024)
 def _has_faces(path: str, kind: Kind, changed: int, size: int) -> bool:
     """As `has_faces`, once for each state of a file. Raises FormatError and OSError."""
+    if kind.kind == "volume":
+        return False
     if kind.format == "obj":
         return re.search(rb"(^|\n)f[ \t]", whole_file(path, 4.0)) is not None
     if kind.format == "vtk":
         return vtk_legacy.has_faces(path)
     if kind.format in ("vtp", "vtu"):
         return vtk_xml.has_faces(path)
+    if kind.format in ("vts", "vtr"):
+        return vtk_xml_grids.has_faces(path)
     if kind.format == "xdmf":
         return xdmf.has_faces(path)
     if kind.format == "hdf5":
@@ -111,7 +126,7 @@ def _all_have_faces(places: list[str]) -> bool:
 
     found = False
     for place in places:
-        if has_faces(place):
+        if part_has_faces(place):
             found = True
         elif len(read_particles(place)):
             return False

@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 from .._base.files import atomic_write
 from .contents import Contents
 from .errors import FormatError, bad
-from .triangles import has_faces
+from .triangles import part_has_faces
 from .vtk_parts import checked_places, join, parts_of
 
 
@@ -42,31 +42,33 @@ def read_series(path: str | os.PathLike[str], frame: int = 0) -> Contents:
 
 
 def read_pieces(path: str | os.PathLike[str]) -> Contents:
-    """Read all pieces of a .pvtp or .pvtu. Raises FormatError."""
+    """Read all pieces of a .pvtp, .pvtu, .pvts or .pvtr. Raises FormatError."""
     return _contents(path, "pvtu", 0)
 
 
 def read_blocks(path: str | os.PathLike[str]) -> Contents:
-    """Read all blocks of a .vtm. Raises FormatError."""
+    """Read all blocks of a .vtm, .vtpc or .vtpd. Raises FormatError."""
     return _contents(path, "vtm", 0)
 
 
 def _contents(path: Any, form: str, frame: int) -> Contents:
     """The particles of one frame. Where some parts are meshes and others particles, the meshes are
     left out, with a warning."""
-    from . import read
+    from . import read_contents
 
     found = parts_of(path, form, frame)
-    files = checked_places(path, found.names, form)
+    files = checked_places(path, found.names, form, warn=True)
     try:
-        parts = [read(file) for file in files]
+        contents = [read_contents(file) for file in files]
     except FormatError as error:
         raise bad(path, "", str(error)) from None
+    parts = [one.particles for one in contents]
+    time = found.time if found.time is not None or found.n_frames > 1 else contents[0].time
     filled = [(part, file) for part, file in zip(parts, files, strict=True) if len(part)]
-    meshes = [has_faces(file) for _, file in filled]
+    meshes = [part_has_faces(file) for _, file in filled]
     if any(meshes) and not all(meshes):
         n = sum(meshes)
         parts = [part for (part, _), mesh in zip(filled, meshes, strict=True) if not mesh]
         left_out = "a mesh is" if n == 1 else f"{n} meshes are"
         warnings.warn(f"{os.fspath(path)}: {left_out} left out beside the particles; --mesh draws meshes", stacklevel=2)
-    return Contents(join(parts), time=found.time, n_frames=found.n_frames)
+    return Contents(join(parts), time=time, n_frames=found.n_frames)

@@ -18,6 +18,7 @@ from .._base.files import atomic_write
 from ..data.particles import Particles
 from . import cells
 from .asciinum import end_of_tokens, parse_numbers
+from .contents import Contents
 from .fields import per_particle
 from .size import whole_file
 from .vtk_grids import VtkGrid
@@ -38,9 +39,10 @@ _WRITTEN = {
 }
 
 
-def read(path: str | os.PathLike[str]) -> Particles:
+def read(path: str | os.PathLike[str]) -> Contents:
     """Read the points and point data of a legacy VTK file, without ghosts."""
-    return _reader_of(path, whole_file(path, 4.0)).particles()
+    file = _reader_of(path, whole_file(path, 4.0))
+    return Contents(file.particles(), time=file.time)
 
 
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
@@ -51,6 +53,9 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]
 def has_faces(path: str | os.PathLike[str]) -> bool:
     """Whether a file has cells with faces, as far as its words tell."""
     data = whole_file(path, 4.0)
+    grid = _grid_of(data)
+    if grid and (size := re.search(rb"\nDIMENSIONS[ \t]+(\d+)[ \t]+(\d+)[ \t]+(\d+)", data[:4096], re.IGNORECASE)):
+        return sum(int(n) > 1 for n in size.groups()) > 1
     if re.search(rb"\n(POLYGONS|TRIANGLE_STRIPS)[ \t]+0*[1-9]", data, re.IGNORECASE):
         return True
     found = re.search(rb"\nCELL_TYPES[ \t]+(\d{1,18})[^\n]*\n", data, re.IGNORECASE)
@@ -66,11 +71,20 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
     return cells.have_faces(types)
 
 
+def read_volume(path: Any, data: bytes) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray] | None:
+    """What `volume_of` finds in the data of a file; None for one that is no grid."""
+    return VtkGrid(path, data).volume() if _grid_of(data) else None
+
+
+def _grid_of(data: bytes) -> bool:
+    """Whether the file's data set is a grid."""
+    kind = re.search(rb"\nDATASET[ \t]+(\w+)", data[:4096], re.IGNORECASE)
+    return kind is not None and kind[1].upper().decode() in VtkGrid.data_sets
+
+
 def _reader_of(path: Any, data: bytes) -> VtkReader:
     """The reader of the file's data set."""
-    kind = re.search(rb"\nDATASET[ \t]+(\w+)", data[:4096], re.IGNORECASE)
-    of_grid = kind is not None and kind[1].upper().decode() in VtkGrid.data_sets
-    return (VtkGrid if of_grid else VtkReader)(path, data)
+    return (VtkGrid if _grid_of(data) else VtkReader)(path, data)
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:

@@ -1,5 +1,5 @@
-"""The files that collections of VTK XML files name: .pvd (time), .pvtp and .pvtu (pieces), .vtm
-(blocks), and .series (time) in JSON.
+"""The files that collections of VTK XML files name: .pvd (time), .pvtp, .pvtu, .pvts and .pvtr
+(pieces), .vtm, .vtpc and .vtpd (blocks), and .series (time) in JSON.
 
 Only files below the collection's own folder are opened.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,10 @@ from .size import check_size, whole_file
 from .xml import parse_xml
 
 _MOST_FILES = 100_000
-_RANKS = {"pvd": 3, "series": 3, "vtm": 2, "pvtp": 1, "pvtu": 1}  # each holds lower ones alone
+# Each holds lower ones alone.
+_RANKS = {"pvd": 4, "series": 4, "vtm": 3, "vtpc": 3, "vtpd": 2, "pvtp": 1, "pvtu": 1, "pvts": 1, "pvtr": 1}
+_PIECES = ("PPolyData", "PUnstructuredGrid", "PStructuredGrid", "PRectilinearGrid")
+_BLOCKS = ("vtkMultiBlockDataSet", "vtkPartitionedDataSet", "vtkPartitionedDataSetCollection")
 FORMATS = tuple(_RANKS)
 
 
@@ -44,11 +48,11 @@ def places(path: str | os.PathLike[str], form: str) -> list[str]:
 
 def parts_of(path: Any, form: str, frame: int) -> Parts:
     """The names of one frame's files in a collection of a format. Raises FormatError."""
-    if form in ("pvtp", "pvtu"):
-        root = _root(path, "PPolyData", "PUnstructuredGrid")
+    if _RANKS[form] == 1:
+        root = _root(path, *_PIECES)
         return Parts([e.get("Source", "") for e in root.iter("Piece")])
-    if form == "vtm":
-        root = _root(path, "vtkMultiBlockDataSet")
+    if form in ("vtm", "vtpc", "vtpd"):
+        root = _root(path, *_BLOCKS)
         files = [e.get("file") for e in root.iter("DataSet")]  # an empty block has none
         return Parts([name for name in files if name is not None])
     steps = _of_series(path) if form == "series" else _of_pvd(path)
@@ -91,9 +95,11 @@ def _time(value: Any) -> float | None:
     return time if math.isfinite(time) else None
 
 
-def checked_places(path: Any, names: list[str], form: str) -> list[str]:
-    """The files of names in a collection. Raises FormatError."""
+def checked_places(path: Any, names: list[str], form: str, warn: bool = False) -> list[str]:
+    """The files of names in a collection, without volumes beside others, of which is warned if `warn`.
+    Raises FormatError."""
     found, held = [], 0
+    volumes: list[str] = []
     if not names:
         raise bad(path, "", "expected the name of a file, got none")
     if len(names) > _MOST_FILES:
@@ -103,11 +109,19 @@ def checked_places(path: Any, names: list[str], form: str) -> list[str]:
         held += os.path.getsize(place)
         if len(names) > 1:  # all of them together, and once more when they are joined
             check_size(path, name, held, held, 2.0)
-        kind = kind_or_none(place)
+        kind = kind_or_none(place, "particles")
         known = kind is not None and kind.kind in ("particles", "mesh")
         if kind is None or not known or _RANKS.get(kind.format, 0) >= _RANKS[form]:
-            raise bad(path, name, "expected a file of particles, got another one")
+            if kind is None or kind.kind != "volume":
+                raise bad(path, name, "expected a file of particles, got another one")
+            volumes.append(name)
+            continue
         found.append(place)
+    if not found:
+        raise bad(path, volumes[0], "expected a file of particles, got a volume")
+    if volumes and warn:
+        names_of_them = ", ".join(volumes)[:200]
+        warnings.warn(f"{os.fspath(path)}: volumes are left out beside the particles: {names_of_them}", stacklevel=2)
     return found
 
 
@@ -120,6 +134,8 @@ def below(path: Any, name: str) -> str:
     own = os.path.realpath(str(path))
     folder = os.path.realpath(os.path.dirname(str(path)))
     beside = os.path.join(folder, name) if "\0" not in name else ""
+    if "\\" in name and beside and not os.path.exists(beside):  # as Windows has them
+        beside = os.path.join(folder, name.replace("\\", "/"))
     packed = (beside + ending for ending in ("", *ENDINGS))
     place = os.path.realpath(next((found for found in packed if os.path.isfile(found)), beside))
     if not name or not place.startswith(os.path.join(folder, "")) or place == own:

@@ -71,6 +71,7 @@ class VtkReader:
         self.cell_arrays: dict[str, np.ndarray] = {}
         self.lists: dict[str, tuple[int, int, int]] = {}  # of cells: place, and both numbers
         self.n_cells = 0
+        self.time: float | None = None
 
     def particles(self) -> Particles:
         """The points that are no ghosts, with their data and that of vertex cells."""
@@ -365,7 +366,9 @@ class VtkReader:
         self.keep(section, name, values, k)
 
     def keep(self, section: str, name: str, values: np.ndarray, k: int) -> None:
-        """Keep an array of a section."""
+        """Keep an array of a section, and a time beside them."""
+        if not section and name in ("TimeValue", "TIME") and values.size == 1 and np.isfinite(values[0]):
+            self.time = float(values[0])  # of ParaView and VisIt
         if section == "POINT_DATA":
             self.arrays[name] = values if k == 1 else values.reshape(-1, k)
         elif section == "CELL_DATA":

@@ -20,6 +20,7 @@ from . import cells
 from .asciinum import parse_numbers
 from .cell_data import at_points, point_arrays
 from .cells import Cells
+from .contents import Contents
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
 from .guarded import need
@@ -38,6 +39,7 @@ TYPES = {
     "Float32": "f4",
     "Float64": "f8",
 }
+TIMES = ("TimeValue", "TIME")  # of ParaView and VisIt
 _LISTS = {  # of PolyData, in the order of the cells' data
     "Verts": cells.VERTICES,
     "Lines": cells.LINES,
@@ -48,9 +50,10 @@ _APPENDED = re.compile(rb"<AppendedData\b([^>]*)>\s*")
 _WRITTEN = {code: name for name, code in TYPES.items()} | {"b1": "UInt8"}
 
 
-def read(path: str | os.PathLike[str]) -> Particles:
+def read(path: str | os.PathLike[str]) -> Contents:
     """Read the points and point data of a .vtp or .vtu file, without ghosts."""
-    return VtkXml(path, whole_file(path, 2.0)).particles()
+    file = VtkXml(path, whole_file(path, 2.0))
+    return Contents(file.particles(), time=file.time())
 
 
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
@@ -122,6 +125,8 @@ class VtkXml:
     Raises FormatError for another root, byte order, header type or compressor.
     """
 
+    data_sets: tuple[str, ...] = ("PolyData", "UnstructuredGrid")
+
     def __init__(self, path: Any, data: bytes) -> None:
         self.path = path
         self.appended = memoryview(b"")
@@ -165,16 +170,24 @@ class VtkXml:
         return data[: tag.end()] + data[end:]
 
     def pieces(self) -> list[Any]:
-        """The pieces of PolyData or UnstructuredGrid, at least one."""
+        """The pieces of the data set, at least one."""
         kind = self.root.get("type", "")
-        grid = self.root.find(kind) if kind in ("PolyData", "UnstructuredGrid") else None
+        grid = self.root.find(kind) if kind in self.data_sets else None
         if grid is None:
-            problem = f"expected PolyData or UnstructuredGrid, got {shown(kind)}"
+            problem = f"expected {' or '.join(self.data_sets)}, got {shown(kind)}"
             raise self.bad("VTKFile", problem)
         found = grid.findall("Piece")
         if not found:
             raise self.bad(kind, "expected a <Piece>, got none")
         return found
+
+    def time(self) -> float | None:
+        """The time that ParaView writes among the data of the file; None without it."""
+        for array in self.root.iterfind("*/FieldData/DataArray"):
+            if array.get("Name") in TIMES and array.get("type") in TYPES and array.get("NumberOfTuples", "1") == "1":
+                values = self.array(array, 1).ravel()
+                return float(values[0]) if len(values) == 1 and np.isfinite(values[0]) else None
+        return None
 
     def particles(self) -> Particles:
         """The points of all pieces that are no ghosts, with their data and that of vertex cells."""
@@ -189,10 +202,10 @@ class VtkXml:
             of_cells = self.cell_arrays(element)
             try:
                 own = self.cells(element)
-                faces = cells.triangles(points, own, _named(arrays), of_cells)
+                faces = cells.triangles(points, own, named(arrays), of_cells)
             except ValueError as error:
                 raise self.of_cells(error) from None
-            pieces.append(_keyed(at_points(len(points), own, of_cells) | _named(arrays)) | {("", 3): points})
+            pieces.append(_keyed(at_points(len(points), own, of_cells) | named(arrays)) | {("", 3): points})
             found.append(faces + first)
             first += len(points)
         return self.together(pieces), np.concatenate(found)
@@ -205,16 +218,15 @@ class VtkXml:
             if all(key in piece for piece in filled):
                 arrays[key] = np.concatenate([piece[key] for piece in filled])
         positions = arrays.pop(("", 3))
-        return particles_from(self.path, positions, _named(arrays))
+        return particles_from(self.path, positions, named(arrays))
 
     def own_points(self, element: Any) -> dict[tuple[str, int], np.ndarray]:
         """As `piece`, without ghosts, and with the data of vertex cells."""
         arrays = self.piece(element)
         points = arrays.pop(("", 3))
-        n_cells = sum(self.count(element, name, "0") for name in _counts(element))
         try:
             found, kept = point_arrays(
-                len(points), _named(arrays), self.cell_arrays(element), n_cells,
+                len(points), named(arrays), self.cell_arrays(element), self.n_cells(element),
                 lambda: self.cells(element),
             )  # fmt: skip
         except ValueError as error:
@@ -226,9 +238,13 @@ class VtkXml:
         """A mistake in the cells; one of an array names it already."""
         return error if isinstance(error, FormatError) else bad(self.path, "cells", str(error))
 
+    def n_cells(self, element: Any) -> int:
+        """How many cells a piece has."""
+        return sum(self.count(element, name, "0") for name in _counts(element))
+
     def cell_arrays(self, element: Any) -> dict[str, np.ndarray]:
         """The arrays of a piece's cells by name."""
-        n = sum(self.count(element, name, "0") for name in _counts(element))
+        n = self.n_cells(element)
         return {
             a.get("Name", ""): self.array(a, n)
             for a in element.iterfind("CellData/DataArray")
@@ -289,23 +305,29 @@ class VtkXml:
 
     def piece(self, element: Any) -> dict[tuple[str, int], np.ndarray]:
         """Arrays by name and number of components; the points have the name ""."""
-        n = self.count(element, "NumberOfPoints")
-        arrays: dict[tuple[str, int], np.ndarray] = {}
-        points = element.find("Points/DataArray")
-        if points is not None and n:
-            arrays["", 3] = self.array(points, n)
-            if arrays["", 3].shape != (n, 3):
-                raise self.bad("Points", f"expected 3 components, got {arrays['', 3].shape[1:]}")
-        elif n:
-            raise self.bad("Piece", "expected <Points> with a <DataArray>, got none")
-        else:
-            arrays["", 3] = np.empty((0, 3), np.float32)
+        n = self.n_points(element)
+        places = self.places(element, n) if n else np.empty((0, 3), np.float32)
+        arrays: dict[tuple[str, int], np.ndarray] = {("", 3): places}
         for data_array in element.iterfind("PointData/DataArray"):
             name = data_array.get("Name", "")
             if data_array.get("type") in TYPES and name:
                 values = self.array(data_array, n)
                 arrays[name, 1 if values.ndim == 1 else values.shape[1]] = values
         return arrays
+
+    def n_points(self, element: Any) -> int:
+        """How many points a piece has."""
+        return self.count(element, "NumberOfPoints")
+
+    def places(self, element: Any, n: int) -> np.ndarray:
+        """The points (n, 3) of a piece that has some."""
+        points = element.find("Points/DataArray")
+        if points is None:
+            raise self.bad("Piece", "expected <Points> with a <DataArray>, got none")
+        found = self.array(points, n)
+        if found.shape != (n, 3):
+            raise self.bad("Points", f"expected 3 components, got {found.shape[1:]}")
+        return found
 
     def count(self, element: Any, attribute: str, default: str = "") -> int:
         """A count, >= 0, in an attribute."""
@@ -426,7 +448,8 @@ def is_mappable(path: str | os.PathLike[str]) -> bool:
     return elsewhere is None and head.count(b"<Piece") == 1
 
 
-def _named(arrays: dict[tuple[str, int], np.ndarray]) -> dict[str, np.ndarray]:
+def named(arrays: dict[tuple[str, int], np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays by their names, without the points."""
     return {name: a for (name, _), a in arrays.items() if name}
 
 

@@ -1,5 +1,5 @@
-"""The cells of VTKHDF files as triangles: PolyData and UnstructuredGrid, in parts, over time ("VTKHDF File Format",
-Kitware)."""
+"""The cells of VTKHDF files as triangles: PolyData and UnstructuredGrid, in parts, over time, and
+collections of such ("VTKHDF File Format", Kitware)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..data.particles import Particles
 from . import cells, hdf5
 from .contents import frame_index
 from .errors import bad
-from .hdf5_layouts import Layout, Source, Tree, frame_entry, vtkhdf_parts
+from .hdf5_layouts import Layout, Source, Tree, frame_entry, vtkhdf_block, vtkhdf_parts, vtkhdf_roots
 
 _GLANCE = 1 << 20  # bytes in which the group's name stands
 _LISTS = {"Vertices": cells.VERTICES, "Lines": cells.LINES, "Polygons": cells.POLYGONS, "Strips": cells.STRIPS}
@@ -77,16 +77,27 @@ def _read(path: Any, names: tuple[str, ...]) -> tuple[list[_Part], dict[str, np.
 
 
 def _parts(tree: Tree, frame: int) -> Iterator[_Part]:
+    """The parts of a frame, of one data set or of all blocks."""
+    point = 0
+    roots = vtkhdf_roots(tree)
+    n_frames = [max(tree.rows(f"{root}/Steps/Values"), 1) for root in roots]
+    i = frame_index(tree.path, frame, max(n_frames))
+    for root, n in zip(roots, n_frames, strict=True):
+        for part in _parts_of_block(tree, root, min(i, n - 1)):
+            yield part._replace(first_point=part.first_point + point)
+        point += vtkhdf_block(tree, root, min(i, n - 1))["positions"][0].n
+
+
+def _parts_of_block(tree: Tree, root: str, i: int) -> Iterator[_Part]:
     def table(place: str, default: list | None = None) -> list | None:
-        values = tree.get(f"/VTKHDF/{place}", {}).get("values", default)
+        values = tree.get(f"{root}/{place}", {}).get("values", default)
         return values if values is None or isinstance(values, list) else [values]
 
-    i = frame_index(tree.path, frame, len(table("Steps/Values") or [0.0]))
-    counts = table("NumberOfPoints") or [tree.rows("/VTKHDF/Points")]
-    first, last = vtkhdf_parts(tree, i, len(counts))
-    solid = tree.attributes("/VTKHDF").get("Type") == "UnstructuredGrid"
+    counts = table("NumberOfPoints") or [tree.rows(f"{root}/Points")]
+    first, last = vtkhdf_parts(tree, i, len(counts), root)
+    solid = tree.attributes(root).get("Type") == "UnstructuredGrid"
     for column, (name, kind) in enumerate({"": None}.items() if solid else _LISTS.items()):
-        group = f"/VTKHDF/{name}".rstrip("/")
+        group = f"{root}/{name}".rstrip("/")
         if not tree.is_data(f"{group}/Connectivity"):
             continue
         n_cells, n_ids = (table(f"{name}/{n}".lstrip("/"), []) for n in ("NumberOfCells", "NumberOfConnectivityIds"))

@@ -310,8 +310,11 @@ class _Items:
         if how == "XML":
             values = _numbers(self.path, name, element, text, self.held)
             return lambda: values[slice(*rows)] if rows else values
+        if how == "BINARY":
+            data = _binary(self.path, name, element, text)
+            return lambda: data[slice(*rows)] if rows else data
         if how != "HDF" or ":" not in text:
-            expected = "expected a DataItem with HDF or XML"
+            expected = "expected a DataItem with HDF, Binary or XML"
             raise bad(self.path, name, f"{expected}, got {shown(how)}")
         file, _, place = text.rpartition(":")
         places, ranges = self.files.setdefault(below(element.file or self.path, file), ({}, {}))
@@ -371,11 +374,40 @@ class _Items:
         return join
 
 
-def _numbers(path: Any, name: str, element: Any, text: str, held: int) -> np.ndarray:
+def _shape(path: Any, name: str, element: Any) -> tuple[int, ...]:
     words = element.get("Dimensions", "").split()
     if not words or not all(w.isascii() and w.isdigit() and len(w) < 16 for w in words):
         raise bad(path, name[:40], f"expected Dimensions, got {shown(' '.join(words))}")
-    shape = tuple(map(int, words))
+    return tuple(map(int, words))
+
+
+def _binary(path: Any, name: str, element: Any, text: str) -> np.ndarray:
+    """The numbers of a file that has nothing else from a byte on, by default 4 bytes each."""
+    shape = _shape(path, name, element)
+    kind = element.get("NumberType", element.get("DataType", "Float")).lower()
+    code = {"float": "f", "int": "i", "uint": "u", "char": "i", "uchar": "u"}.get(kind, "")
+    width = element.get("Precision", "1" if "char" in kind else "4").strip()
+    packed = element.get("Compression", "Raw").lower()
+    if not code or width not in ("1", "2", "4", "8") or code + width == "f1" or packed != "raw":
+        got = f"{shown(kind)} of {shown(width)} bytes, {shown(packed)}"
+        raise bad(path, name[:40], f"expected plain numbers in a Binary DataItem, got {got}")
+    order = {"big": ">", "little": "<"}.get(element.get("Endian", "Native").lower(), "=")
+    dtype = np.dtype(code + width).newbyteorder(order)
+    seek = element.get("Seek", "0").strip()
+    begin = int(seek) if seek.isascii() and seek.isdigit() and len(seek) < 18 else -1
+    place = below(element.file or path, text)
+    size, held = math.prod(shape) * dtype.itemsize, os.path.getsize(place)
+    if begin < 0 or begin + size > held:
+        raise bad(path, name[:40], f"expected {size:,} bytes from {shown(seek)} in {shown(text)}, got {held:,} in all")
+    check_size(path, name[:40], 2.0 * size, held)
+    values = np.fromfile(place, dtype, math.prod(shape), offset=begin)
+    if len(values) != math.prod(shape):
+        raise bad(path, name[:40], f"expected {math.prod(shape)} numbers, got {len(values)}")
+    return values.astype(dtype.newbyteorder("="), copy=False).reshape(shape)
+
+
+def _numbers(path: Any, name: str, element: Any, text: str, held: int) -> np.ndarray:
+    shape = _shape(path, name, element)
     check_size(path, name[:40], 8.0 * math.prod(shape), held)
     try:
         values = parse_numbers(text.encode(), np.dtype(np.float64))

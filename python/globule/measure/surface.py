@@ -44,9 +44,9 @@ def measured_particles(name: str, source: Any) -> Particles:
     Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if isinstance(source, str | os.PathLike):
-        from ..formats.triangles import has_faces  # formats are loaded when they are needed
+        from ..formats.triangles import part_has_faces  # formats are loaded when they are needed
 
-        if has_faces(source):
+        if part_has_faces(source):
             raise ValueError(
                 f"{name}: expected particles or a volume, got the mesh {os.fspath(source)}; "
                 "globule.read(path, spacing=...) makes particles all over it"

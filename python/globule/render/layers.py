@@ -108,9 +108,9 @@ def as_scene(value: Any) -> SceneBase | Mesh:
 def _mesh_of(value: Any) -> Mesh | None:
     """A mesh, or that of a file with faces."""
     if isinstance(value, (str, os.PathLike)):
-        from ..formats.triangles import has_faces  # formats are loaded when they are needed
+        from ..formats.triangles import part_has_faces  # formats are loaded when they are needed
 
-        return Mesh(value) if has_faces(value) else None
+        return Mesh(value) if part_has_faces(value) else None
     return value if isinstance(value, Mesh) else None
 
 

@@ -56,8 +56,9 @@ def write(path: str | os.PathLike[str], data: VolumeData) -> None:
 
 
 def read(path: str | os.PathLike[str]) -> VolumeData:
-    """Read a .vti of one piece: point data with one component, ascii, binary (base64) or appended
-    (raw or base64), plain or compressed with zlib, which is VTK's default. Raises FormatError."""
+    """Read a .vti of one piece: point data with one component, or where there is none that of cells,
+    as voxels at their middles; ascii, binary (base64) or appended (raw or base64), plain or
+    compressed with zlib, which is VTK's default. Raises FormatError."""
     file = VtkXml(path, whole_file(path, 2.0))
     image = file.root.find("ImageData")
     if file.root.get("type") != "ImageData" or image is None:
@@ -71,24 +72,30 @@ def read(path: str | os.PathLike[str]) -> VolumeData:
     if not (high >= low).all() or (high - low).max() > 2**31:
         got = shown(pieces[0].get("Extent", ""))
         raise bad(path, f"line {pieces[0].line}", f"expected Extent with sizes from 1, got {got}")
-    shape = tuple((high - low + 1).astype(np.int64).tolist()[::-1])
-    arrays = {}
-    for element in pieces[0].iterfind("PointData/DataArray"):
-        name = element.get("Name", "")
-        array = file.array(element, math.prod(shape))
-        if array.ndim > 1:
-            raise bad(path, name, f"expected one component, got {array.shape[1]}")
-        arrays[name] = array.reshape(shape)
+    n = (high - low + 1).astype(np.int64)
+    arrays, scalars, middle = _arrays(file, pieces[0], "PointData", n), "PointData", 0.0
+    if not arrays and (n > 1).all():
+        arrays, scalars, middle = _arrays(file, pieces[0], "CellData", n - 1), "CellData", 0.5
     if not arrays:
         where = f"line {pieces[0].line}"
-        raise bad(path, where, "expected an array of point data, got none")
-    scalars = pieces[0].find("PointData").get("Scalars", "values")
-    values = arrays.pop(scalars if scalars in arrays else next(iter(arrays)))
+        raise bad(path, where, "expected an array of point data with one component, got none")
+    name = pieces[0].find(scalars).get("Scalars", "values")
+    values = arrays.pop(name if name in arrays else next(iter(arrays)))
     spacing = _numbers(path, image, "Spacing", "1 1 1", 3)
     directions = _numbers(path, image, "Direction", "1 0 0 0 1 0 0 0 1", 9)
     steps = directions.reshape(3, 3) * spacing
-    origin = _numbers(path, image, "Origin", "0 0 0", 3) + steps @ low
+    origin = _numbers(path, image, "Origin", "0 0 0", 3) + steps @ (low + middle)
     return VolumeData(values, place(steps, origin), _space(image), arrays)
+
+
+def _arrays(file: VtkXml, piece: Any, where: str, size: np.ndarray) -> dict[str, np.ndarray]:
+    """The arrays of one component of points or cells by name, each (Z, Y, X)."""
+    shape = tuple(size.tolist()[::-1])
+    found = {}
+    for element in piece.iterfind(f"{where}/DataArray"):
+        if element.get("type") in TYPES and element.get("NumberOfComponents", "1").strip() == "1":
+            found[element.get("Name", "")] = file.array(element, math.prod(shape)).reshape(shape)
+    return found
 
 
 def _space(image: Any) -> str:
