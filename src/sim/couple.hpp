@@ -214,8 +214,8 @@ template <class Packet> struct FindContacts {
     }
     GB_FN bool other_body(std::uint32_t t, std::uint32_t o) const { return o != kNobody && body[o] != body[t]; }
 
-    /// Sums over a wall's particles, weighted by the kernel's slope, the nearest less.  The weights of sim::Contact give
-    /// a wall bumps of 5 degrees, which slow what slides by a tenth and throw it to and fro.
+    /// Sums over a wall's particles, weighted by the kernel's slope, the nearest less.  The weights of sim::Contact
+    /// give a wall bumps of 5 degrees, which slow what slides by a tenth and throw it to and fro.
     struct Smooth {
         float3 sum{0, 0, 0}, velocity{0, 0, 0};
         float total = 0.0f, friction = 0.0f;

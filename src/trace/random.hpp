@@ -41,14 +41,14 @@ GB_FN Pair sample(std::uint32_t pixel, std::uint32_t stream, std::uint32_t k) {
     return {float((a + k * 3242174889u) >> 8) * 0x1p-24f, float((b + k * 2447445414u) >> 8) * 0x1p-24f};
 }
 
-/// The same moved around the unit square's edges, by one of four well spread moves: pixels that lie `kDither` apart have
-/// the same, neighbors unlike ones (Keller & Heidrich 2001; the pattern of Bayer 1973).
+/// The same moved around the unit square's edges, by one of four well spread moves: pixels that lie `kDither` apart
+/// have the same, neighbors unlike ones (Keller & Heidrich 2001; the pattern of Bayer 1973).
 inline constexpr std::uint32_t kDither = 2;
 GB_FN Pair dithered(const Pair& at, std::uint32_t x, std::uint32_t y) {
     const std::uint32_t e = x ^ y;
     const auto wrapped = [](float v) { return v < 1.0f ? v : v - 1.0f; };
-    return {wrapped(at.u + float((e & 1) << 1 | (y & 1)) * 0.25f),
-        wrapped(at.v + float((y & 1) << 1 | (e & 1)) * 0.25f)};
+    return {
+        wrapped(at.u + float((e & 1) << 1 | (y & 1)) * 0.25f), wrapped(at.v + float((y & 1) << 1 | (e & 1)) * 0.25f)};
 }
 
 /// Two unit vectors that with n make a right-handed set of axes.  Duff et al. 2017
