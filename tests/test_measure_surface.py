@@ -286,6 +286,13 @@ def test_errors_cover_what_half_the_spacing_gives(name, share):
     assert abs(found.area - fine.area) <= found.area_error <= 0.01 * fine.area
 
 
+def test_a_mesh_of_nothing_has_values_of_nothing():
+    attributes = {"speed": np.ones(1), "velocity": np.ones((1, 3))}
+    scene = gb.Scene(gb.Particles(BALL, support=0.8, weight=0.1, attributes=attributes), device="cpu")
+    found = gb.measure.mesh_surface(scene, 0.1, ["velocity", "speed"]).values
+    assert {name: array.shape for name, array in found.items()} == {"velocity": (0, 3), "speed": (0,)}
+
+
 def test_nothing_to_measure():
     for p in (gb.Particles(np.empty((0, 3))), gb.Particles(BALL, support=0.8, weight=0.1)):
         assert gb.measure.measure_surface(p, 0.1, device="cpu") == (0, 0, 0, 0)

@@ -86,7 +86,7 @@ def _blended(scene: Scene, points: np.ndarray, names: Sequence[str]) -> dict[str
         some, arrays = arrays[:n], arrays[n:]
         ends = np.cumsum([_columns(less) for less, _ in some])
         together = np.column_stack([less for less, _ in some]) if n > 1 else some[0][0]
-        values = in_blocks(lambda p, v=together: scene.blend(p, v), points).reshape(len(points), -1)
+        values = in_blocks(lambda p, v=together: scene.blend(p, v), points).reshape(len(points), ends[-1])
         for (less, middle), part in zip(some, np.split(values, ends[:-1], axis=1), strict=True):
             name = names[len(found)]
             found[name] = (part.reshape(len(points), *less.shape[1:]) + middle).astype(np.float32)
