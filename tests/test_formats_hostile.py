@@ -460,3 +460,10 @@ def test_tables_name_what_is_wrong(tmp_path):
         path = tmp_path / "a.csv"
         path.write_text(content, encoding="utf-8")
         refuses(problem, gb.read, path, columns=columns)
+
+
+def test_a_file_cut_in_its_appended_data_says_so(tmp_path):
+    path = tmp_path / "cut.vtu"
+    path.write_bytes(xml("raw")[:-40])
+    with pytest.raises(formats.FormatError, match="</AppendedData>, got the end of the file: cut off"):
+        formats.read(path)

@@ -163,8 +163,10 @@ class VtkXml:
         if tag is None:
             return data
         end = data.rfind(b"</AppendedData")
-        if data[tag.end() : tag.end() + 1] != b"_" or end < tag.end():
-            raise self.bad("AppendedData", "expected _data</AppendedData>, got no such thing")
+        if end < tag.end():
+            raise self.bad("AppendedData", "expected its end </AppendedData>, got the end of the file: cut off?")
+        if data[tag.end() : tag.end() + 1] != b"_":
+            raise self.bad("AppendedData", "expected _ before the data, got no such thing")
         self.appended = memoryview(data)[tag.end() + 1 : end]
         self.appended_is_base64 = b"raw" not in tag[1]
         return data[: tag.end()] + data[end:]
