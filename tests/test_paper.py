@@ -216,6 +216,23 @@ def test_mistakes_name_the_flag_and_write_nothing(run, capsys, folder, monkeypat
     assert "globule[figures]" in refused(capsys, "figure", run, "-o", "a.pdf")
 
 
+def test_words_that_no_font_has_are_escaped(run, capsys):
+    odd = ["--title", "a\nb\x1b[0m \udcff", "--legend-title", "c\udcff", "--unit", "m\x07"]
+    for name in ("a.svg", "a.pdf", "a.png"):
+        run_json(capsys, "figure", run, "-o", name, "--color-by", "speed", *odd, *SMALL)
+    assert {r"a\nb\x1b[0m \udcff", r"c\udcff"} < {*texts("a.svg")}
+    assert any(text.endswith(r"m\x07") for text in texts("a.svg"))
+
+
+def test_a_frame_that_lacks_the_values_is_named(run, capsys, tmp_path):
+    gb.write("plain.vtp", cube(3))
+    gb.write("speed.vtp", cube(3, attributes={"speed": np.ones(27)}))
+    write_pvd("mixed.pvd", ["speed.vtp", "plain.vtp"], [0, 1])
+    said = refused(capsys, "figure", "mixed.pvd", "-o", "a.pdf", "--color-by", "speed", *SMALL)
+    assert "--color-by: expected one of x, y, z of frame 1 of mixed.pvd, got speed" in said
+    assert not Path("a.pdf").exists()
+
+
 def test_letters_go_on_and_panels_fill_rows():
     assert [letter(i) for i in (0, 25, 26, 27, 52)] == ["a", "z", "aa", "ab", "ba"]
     sheet = Sheet(7, width=183, dpi=300)

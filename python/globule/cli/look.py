@@ -14,6 +14,7 @@ from .._base.settings import RADIANCE
 from ..data.attributes import attribute_colors, attribute_values
 from ..data.particles import Particles
 from ..fluids.smoothing import find_anisotropy
+from ..formats.frames import said
 from ..pieces.scene import Scene
 from ..render.lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
 from ..scene.mesh import Mesh
@@ -138,5 +139,5 @@ def _names_of(path: str) -> Iterator[None]:
         yield
     except ValueError as error:
         expected, comma, got = str(error).rpartition(", got ")
-        of = "" if " to " in expected else f" of {path}"
+        of = "" if " to " in expected else f" of {said(path)}"
         raise UserError(f"--color-by: {expected}{of}{comma}{got}") from error

@@ -19,6 +19,7 @@ from .. import _core
 from .._base.checks import missing, named
 from .._base.colormaps import CATEGORICAL, colorize, map_colors
 from .._base.files import atomic_write
+from .._base.terminal import escaped
 from ..data.particles import HERE
 from .annotate import Colors, scale_bar
 from .box import short
@@ -331,6 +332,7 @@ class Sheet:
 
     def _text(self, figure: Any, x: float, y: float, words: str, room: float, grow: float = 1.0, **how: Any) -> None:
         """Write words at a pixel; smaller where they are longer than `room`, pixels."""
+        words = escaped(words)  # no font has line ends, and no .svg may hold control characters
         if words:
             w, h = self.whole
             size = self.font * min(grow, room / _text_width(words, self._em))
@@ -351,7 +353,7 @@ class Sheet:
         return length
 
     def _draw_legend(self, figure: Any, colors: Colors, label: str) -> None:
-        kinds = list(colors.kinds)
+        kinds = [(v, escaped(text)) for v, text in colors.kinds]
         if colors.colormap in CATEGORICAL and not kinds:
             kinds = [(float(k), str(k)) for k in range(math.ceil(colors.lo), min(math.floor(colors.hi), 99) + 1)]
         gap, bar, tick = self._pixels(_GAP), self._pixels(_BAR), self._pixels(0.7)
@@ -428,7 +430,7 @@ def versions() -> str:
 def _metadata(ending: str, title: str, info: Mapping[str, str]) -> dict[str, Any]:
     """The words of a file about itself."""
     command, by = info.get("command", ""), info.get("versions") or versions()
-    found: dict[str, Any] = {"Title": title} if title else {}
+    found: dict[str, Any] = {"Title": escaped(title)} if title else {}
     if ending == ".png":
         return found | {"Software": by, "Description": command}
     found |= {"Creator": f"globule {_core.version}", "Keywords": by}
