@@ -92,7 +92,7 @@ def paraview(tmp_path, monkeypatch):
                 break
         assert Path("found.json").is_file(), done.stdout + done.stderr
         assert "Traceback" not in done.stderr, done.stderr
-        return json.loads(Path("found.json").read_text())
+        return {**json.loads(Path("found.json").read_text()), "errors": done.stderr}
 
     return run
 
@@ -292,6 +292,49 @@ view.UseFXAA = 0  # a setting of the program
 SaveScreenshot("state.png", view)
 """, screen=True)  # fmt: skip
     assert (np.abs(picture("state.png") - alone).max(axis=2) > 3).sum() < 0.01 * hit.sum()
+
+
+def test_a_mistake_is_one_line_and_shows_nothing(paraview):
+    run_of_files()
+    Path("cut.vtp").write_bytes(Path("run_0.vtp").read_bytes()[:3000])
+    gb.write("empty.vtp", frames()[0][:0])
+    gb.write("plain.vtp", gb.Particles(frames()[0].positions))
+    found = paraview("""
+def triangles(files, options="", **settings):
+    surface = GlobuleSurface(Input=GlobuleReader(FileNames=files, Options=options), **settings)
+    surface.UpdatePipeline()
+    return of(surface).GetNumberOfCells()
+
+found["none"] = [triangles([name]) for name in ("no.vtp", "cut.vtp", "empty.vtp")]
+found["none"] += [triangles(["run_0.vtp"], text) for text in ("scale=abs", "speed", "x=1), (2", "where='heat > 1'")]
+found["none"] += [triangles(["run_0.vtp"], **wrong) for wrong in (
+    {"CellSize": -1}, {"Threshold": 1e9}, {"CellSize": 1e3}, {"Support": -1})]
+view = CreateRenderView(ViewSize=[120, 90], Background=[0, 0, 0], UseColorPaletteForBackground=0,
+                        OrientationAxesVisibility=0)
+image = GlobuleImage(Input=GlobuleReader(FileNames=["run_0.vtp", "empty.vtp", "cut.vtp", "plain.vtp", "run_1.vtp"]),
+                     ColorBy="speed")
+Show(image, view)
+Render(view)
+ResetCamera(view)
+for i in range(5):
+    GetAnimationScene().AnimationTime = i
+    view.ViewTime = i
+    SaveScreenshot(f"shown_{i}.png", view)
+""", screen=True)  # fmt: skip
+    assert found["none"] == [0] * len(found["none"])
+    assert [picture(f"shown_{i}.png").any() for i in range(5)] == [True, False, False, False, True]
+    for said in (
+        "GlobuleReader: [Errno 2] No such file or directory: 'no.vtp'",
+        "GlobuleReader: cut.vtp: ",
+        "GlobuleReader: Options: expected arguments such as where='type == 1', scale=0.001, got 'scale=abs'",
+        "got 'speed'",
+        "got 'x=1), (2'",
+        "GlobuleReader: where: expected one of x, y, z, speed, got heat",
+        "GlobuleSurface: spacing: expected a positive number, got -1.0",
+        "GlobuleSurface: support: expected a positive number, got -1.0",
+        "GlobuleImage: color_by: expected one of x, y, z, got speed",
+    ):
+        assert said in found["errors"], found["errors"]
 
 
 def near(hit: np.ndarray) -> np.ndarray:

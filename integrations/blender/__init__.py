@@ -4,7 +4,6 @@ File > Import > Particles (globule), or `bpy.ops.import_scene.globule(filepath=â
 have globule: docs/how-to/blender.md.
 """
 
-import ast
 import json
 import os
 
@@ -34,13 +33,13 @@ class Frames:
 
     def __init__(self, asked):
         import globule as gb
+        from globule._base.structured import parse_arguments
         from globule.formats.vtk_parts import per_particle
         from globule.pieces.shown import shown_scene
         from globule.render.sequence import KeptScene, find_files, with_frames
 
         self.gb, self.values_of, self.shown_scene, self.asked = gb, per_particle, shown_scene, asked
-        words = ast.parse(f"read({asked['options']})", mode="eval").body.keywords
-        self.options = {word.arg: ast.literal_eval(word.value) for word in words}
+        self.options = parse_arguments("Options", asked["options"])
         self.names = with_frames(find_files([bpy.path.abspath(name) for name in asked["files"]]), **self.options)
         self.kept, self.at, self.origin = KeptScene(grows=True), None, None
 

@@ -4,7 +4,6 @@ Load this file in Tools > Manage Plugins, or by LoadPlugin in a script. ParaView
 globule: docs/how-to/paraview.md.
 """
 
-import ast
 import os
 import sys
 import weakref
@@ -12,6 +11,7 @@ from dataclasses import replace
 
 import globule as gb
 import numpy as np
+from globule._base.structured import parse_arguments
 from globule.formats import READABLE, read_contents
 from globule.formats.kind import kind_or_none
 from globule.formats.vtk_parts import parts_of, per_particle
@@ -27,7 +27,7 @@ from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as Keys
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from globule_paraview_tools import fill, from_all, of_views, particles_of, process, shown, world
+from globule_paraview_tools import fill, from_all, of_views, particles_of, process, said_in_a_line, shown, world
 
 CELL = 0.8  # edge of the triangles' cells in spacings: the volume of a splash is within 1 %
 
@@ -153,21 +153,23 @@ class GlobuleReader(OfParticles):
             time = read_contents(name, **self.options).time
         return float(i if time is None else time)
 
+    @said_in_a_line
     def RequestInformation(self, request, inputs, output):
         """The times."""
-        info = output.GetInformationObject(0)
-        words = ast.parse(f"read({self.value('Options', '')})", mode="eval").body.keywords
-        self.options = {word.arg: ast.literal_eval(word.value) for word in words}
-        self.frames = with_frames(find_files(self.files), **self.options) if self.files else []
-        self.clock = [self.time_of(i, name) for i, name in enumerate(self.frames)]
+        info, self.frames, self.clock = output.GetInformationObject(0), [], []
+        self.options = parse_arguments("Options", self.value("Options", ""))
+        frames = with_frames(find_files(self.files), **self.options) if self.files else []
+        self.clock = [self.time_of(i, name) for i, name in enumerate(frames)]
         if (np.diff(self.clock) <= 0).any():
-            self.clock = [float(i) for i in range(len(self.frames))]
+            self.clock = [float(i) for i in range(len(frames))]
+        self.frames = frames
         info.Set(vtkAlgorithm.CAN_HANDLE_PIECE_REQUEST(), 1)
         if len(self.clock) > 1:
             info.Set(Keys.TIME_STEPS(), self.clock, len(self.clock))
             info.Set(Keys.TIME_RANGE(), [self.clock[0], self.clock[-1]], 2)
         return 1
 
+    @said_in_a_line
     def RequestData(self, request, inputs, output):
         """The particles of one frame; with several processes, a slab of them on each."""
         info, out, key = output.GetInformationObject(0), vtkPolyData.GetData(output), Keys.UPDATE_TIME_STEP()
@@ -197,6 +199,7 @@ class GlobuleReader(OfParticles):
 class GlobuleSurface(OfParticles):
     """The surface of particles as triangles; with several processes, a part of them on each."""
 
+    @said_in_a_line
     def RequestData(self, request, inputs, output):
         """The mesh of a frame; its volume and area as field data."""
         particles, out = particles_of(self.GetInputData(inputs, 0, 0)), vtkPolyData.GetData(output)
@@ -232,6 +235,7 @@ class GlobuleImage(OfParticles):
     """The exact surface in the images of all views that show this filter, between their meshes."""
 
     actors, watched, scene = {}, None, None
+    empty = True  # the views show nothing: no particles, or a mistake
 
     def changed(self):
         """Everything is made anew."""
@@ -241,20 +245,31 @@ class GlobuleImage(OfParticles):
             renderer.RemoveObserver(show)
         self.actors = {}
 
+    @said_in_a_line
     def RequestData(self, request, inputs, output):
         """The box of the particles; the surface itself is drawn by the views, of the first process."""
+        self.empty = True
         particles = particles_of(self.GetInputData(inputs, 0, 0))
         if process()[0] or not len(particles.finite_positions()):
             return 1
+        looks = self.looks()
+        if looks["color_by"]:  # here, a mistake is said once, not at each image
+            gb.color_by(particles, looks.pop("color_by"), **looks)
         before, self.scene = self.scene, self.scene_of(particles)
         if before is not self.scene:
             GlobuleImage.changed(self)
         for actor, _ in self.actors.values():
             actor.refresh()
         self.draw_in_views()
+        self.empty = False
         corners = np.array(np.meshgrid(*np.transpose(box_of(self.scene)), indexing="ij")).reshape(3, 8).T
         fill(vtkPolyData.GetData(output), world(corners, particles.origin), np.empty((0, 1)), {})
         return 1
+
+    def looks(self):
+        """The colors, as arguments of globule.render."""
+        looks = {"color_by": self.value("ColorBy"), "colormap": self.value("Colormap", "auto")}
+        return looks | ({"range": self.value("Range")} if self.value("Range") else {})
 
     def draw_in_views(self):
         """Add the surface to the views that do not have it yet, and to those to come."""
@@ -263,10 +278,7 @@ class GlobuleImage(OfParticles):
         sources, views = of_views()
         if all(one.GetClientSideObject() is not self for one in sources):
             return
-        preset = self.value("Preset", "none")
-        looks = {"color_by": self.value("ColorBy"), "colormap": self.value("Colormap", "auto")}
-        if self.value("Range"):
-            looks["range"] = self.value("Range")
+        preset, looks = self.value("Preset", "none"), self.looks()
         for view in views:
             renderer = view.GetClientSideObject().GetRenderer()
             if renderer not in self.actors:

@@ -1,5 +1,6 @@
 """What the filters of globule_paraview.py share: processes, VTK's data, and ParaView's views."""
 
+import functools
 import pickle
 
 import globule as gb
@@ -7,9 +8,24 @@ import numpy as np
 from globule.formats.vtk_parts import join
 from globule.scene.sources import as_particles
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkPoints, vtkUnsignedCharArray
+from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkPoints, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
+
+
+def said_in_a_line(request):
+    """A request of a filter whose mistakes are one line of ParaView's messages; it gives nothing then,
+    so that no frame before stays in sight."""
+
+    @functools.wraps(request)
+    def of(self, *given):
+        try:
+            return request(self, *given)
+        except (OSError, ValueError, TypeError, ImportError, MemoryError) as error:
+            vtkOutputWindow.GetInstance().DisplayErrorText(f"{type(self).__name__}: {error}\n")
+            return 1
+
+    return of
 
 
 def process():
@@ -91,7 +107,7 @@ def shown(it, actor):
         view = next((one for one in views if one.GetClientSideObject().GetRenderer() is renderer), None)
         if source is not None and view is not None:
             made = view.FindRepresentation(source, 0)
-            visible = made is not None and bool(vtkSMPropertyHelper(made, "Visibility").GetAsInt())
+            visible = made is not None and not me.empty and bool(vtkSMPropertyHelper(made, "Visibility").GetAsInt())
         actor.actor.SetVisibility(visible)
 
     return before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import sys
@@ -12,7 +13,10 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+from .checks import shown
+
 MOST_BYTES = 16 * 2**20  # of a text whose tables are parsed
+MOST_OF_ARGUMENTS = 10_000  # letters
 _TOO_DEEP = "expected fewer tables and lists inside each other, got too many"
 _TOO_LONG = "expected numbers of at most 4,300 digits, got one with more"
 
@@ -29,6 +33,24 @@ def read_text(path: str | os.PathLike[str], most: int = MOST_BYTES) -> str:
     except UnicodeDecodeError as error:
         problem = f"expected text in UTF-8, got data that is no text at byte {error.start}"
         raise ValueError(problem) from None
+
+
+def parse_arguments(what: str, text: str) -> dict[str, Any]:
+    """The arguments that a text such as "where='type == 1', scale=0.001" gives to a function; what:
+    its name for the message. Raises ValueError."""
+    expected = f"{what}: expected arguments such as where='type == 1', scale=0.001, got {shown(text)}"
+    if len(text) > MOST_OF_ARGUMENTS:
+        raise ValueError(expected)
+    try:
+        call = ast.parse(f"_({text.strip()}\n)", mode="eval").body
+        if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Name) or call.args:
+            raise ValueError(expected)
+        found = {word.arg: ast.literal_eval(word.value) for word in call.keywords if word.arg}
+    except (SyntaxError, ValueError, TypeError, RecursionError, MemoryError):
+        raise ValueError(expected) from None
+    if len(found) < len(call.keywords):  # **more
+        raise ValueError(expected)
+    return found
 
 
 def parse_toml(text: str) -> dict[str, Any]:
