@@ -105,7 +105,7 @@ for wrong in ({"filepath": "none.vtp"}, {"filepath": "run_0.vtp", "color_by": "h
         bpy.ops.import_scene.globule(**wrong)
     except RuntimeError as error:
         found[list(wrong)[-1]] = str(error)
-found["objects"] = len(bpy.data.objects)
+found["objects"] = len(bpy.data.objects), len(bpy.data.meshes)
 """)
     assert found["done"] == ["FINISHED"]
     assert found["turned"] == pytest.approx(np.pi / 2)
@@ -133,7 +133,49 @@ found["objects"] = len(bpy.data.objects)
     assert found["radius"] == pytest.approx(spacing / 2, rel=0.2)
     assert "none.vtp" in found["filepath"]
     assert "heat" in found["color_by"]
-    assert found["objects"] == 2
+    assert found["objects"] == [2, 2]
+
+
+def test_frames_that_cannot_be_read_show_nothing(blender):
+    given = frames()[0]
+    hole = np.array(given.positions[:9])
+    hole[4] = np.nan
+    gb.write("run_0.vtp", given)
+    gb.write("run_1.vtp", given[:0])
+    Path("run_2.vtp").write_bytes(Path("run_0.vtp").read_bytes()[:3000])
+    gb.write("run_3.vtp", gb.Particles(given.positions))  # without speed
+    gb.write("run_4.vtp", given)
+    gb.write("hole.vtp", gb.Particles(hole, attributes={"speed": np.arange(9.0)}))
+    found = blender("""
+found["points"] = {}
+for kind in ("SURFACE", "POINTS"):
+    bpy.ops.import_scene.globule(filepath="run_%d.vtp", color_by="speed", kind=kind)
+    thing = bpy.context.view_layer.objects.active
+    found["points"][kind] = []
+    for frame in (1, 2, 3, 1, 4, 5):
+        scene.frame_set(frame)
+        found["points"][kind].append(len(thing.data.vertices) > 0)
+for change in (5, "{}", "junk"):  # settings that are none leave the others alone
+    bpy.data.objects[0]["globule"] = change
+    scene.frame_set(1)
+    found[str(change)] = len(bpy.data.objects[1].data.vertices)
+    scene.frame_set(2)
+bpy.ops.import_scene.globule(filepath="hole.vtp", kind="POINTS")
+found["finite"] = [len(points()), bool(np.isfinite(points()).all()), values("speed", "value", 1).ravel().tolist()]
+for options in ("scale=abs", "speed"):
+    try:
+        bpy.ops.import_scene.globule(filepath="hole.vtp", options=options)
+    except RuntimeError as error:
+        found[options] = str(error)
+found["meshes"] = len(bpy.data.meshes)
+""")
+    shown = [True, False, False, True, False, True]
+    assert found["points"] == {"SURFACE": shown, "POINTS": shown}
+    assert found["5"] == found["{}"] == found["junk"] == len(given)
+    assert found["finite"] == [8, True, [0, 1, 2, 3, 5, 6, 7, 8]]
+    assert "Options: expected arguments such as where=" in found["scale=abs"]
+    assert "got 'speed'" in found["speed"]
+    assert found["meshes"] == 3
 
 
 def test_images_by_cycles_with_motion_blur(blender):

@@ -25,6 +25,7 @@ bl_info = {
 KEY = "globule"  # the property of an object that says what it shows, as JSON
 CELL = 0.8  # edge of a mesh's cells, in the particles' spacings
 VELOCITIES = ("velocity", "velocities", "vel", "v")
+MISTAKES = (OSError, ValueError, TypeError, LookupError, ImportError, MemoryError)  # of files and settings
 _shown = {}  # by the object's name and what it shows: `Frames`
 
 
@@ -44,8 +45,10 @@ class Frames:
         self.kept, self.at, self.origin = KeptScene(grows=True), None, None
 
     def particles(self, i):
-        """The particles of a frame, all from the origin of the first."""
+        """The particles of a frame that have places, all from the origin of the first."""
         found = self.gb.read(self.names[i], **self.options)
+        finite = np.isfinite(found.positions).all(axis=1)
+        found = found if finite.all() else found[finite]
         if self.origin is None and len(found):
             self.origin = found.origin
         return found.at(self.origin) if len(found) else found
@@ -66,7 +69,7 @@ class Frames:
         """The particles' colors, (N, 3) linear, by a value of theirs if one is asked for."""
         if self.asked["color_by"]:
             low, high = self.asked["range"]
-            limits = {"range": (low, high)} if low < high else {}
+            limits = {"range": (low, high)} if low != high else {}
             particles = self.gb.color_by(particles, self.asked["color_by"], **limits)
         return None if particles.color is None else np.broadcast_to(particles.color, (len(particles), 3))
 
@@ -81,7 +84,7 @@ class Frames:
             if name in arrays and arrays[name].shape[1:] == (3,):
                 arrays["velocity"] = np.asarray(arrays.pop(name), np.float32) * self.asked["pace"]
                 break
-        if self.asked["kind"] == "POINTS" or not len(particles.finite_positions()):
+        if self.asked["kind"] == "POINTS" or not len(particles):
             arrays["radius"] = arrays.get("radius", np.full(len(particles), self.spacing(particles) / 2))
             return np.asarray(particles.positions), np.empty((0, 3), np.int32), None, arrays
         from globule.measure.surface import default_spacing
@@ -130,6 +133,7 @@ def show(thing, number):
     frames = _shown[key]
     i = min(max(number - asked["start"], 0), len(frames.names) - 1)
     if frames.at != i:
+        frames.at = None
         fill(thing.data, *frames.frame(i))
         frames.at = i
     return frames
@@ -142,7 +146,8 @@ def on_frame(scene, *_):
         if KEY in thing and thing.type == "MESH":
             try:
                 show(thing, scene.frame_current)
-            except (OSError, ValueError, ImportError) as error:
+            except MISTAKES as error:
+                thing.data.clear_geometry()  # else the frame before would be taken for this one
                 print(f"globule: {thing.name}: {error}")
 
 
@@ -231,7 +236,7 @@ class ImportParticles(bpy.types.Operator, ImportHelper):
             up = frames.gb.read(frames.names[0], **frames.options).up
         except ImportError as error:
             self.report({"ERROR"}, f"{error}: Blender's Python needs globule, see docs/how-to/blender.md")
-        except (OSError, ValueError, TypeError) as error:
+        except MISTAKES as error:
             self.report({"ERROR"}, str(error))
         else:
             if up[1] > 0.5:  # Blender has z upwards
@@ -244,7 +249,7 @@ class ImportParticles(bpy.types.Operator, ImportHelper):
             context.view_layer.objects.active = thing
             scene.frame_end = max(scene.frame_end, self.start + len(frames.names) - 1)
             return {"FINISHED"}
-        bpy.data.objects.remove(thing)
+        bpy.data.meshes.remove(thing.data)  # and the object with it
         return {"CANCELLED"}
 
 
