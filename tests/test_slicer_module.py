@@ -67,6 +67,18 @@ def test_a_file_and_its_frames_give_the_same_volume(work, sweep):
     assert of_file.values.mean() == pytest.approx(of_frames.values.mean(), rel=0.05)
 
 
+def test_what_is_no_file_and_no_sequence(work):
+    with pytest.raises(ValueError, match="sweep: expected a file, got none"):
+        work.reconstruct_file("", 1.0)
+    one, pose = np.zeros((4, 5), np.uint8), np.eye(4)
+    with pytest.raises(ValueError, match="sequence: expected images of one size, got none"):
+        work.reconstruct_frames([], [], 1.0)
+    with pytest.raises(ValueError, match=r"sequence: expected images of one size, got \(4, 5\), \(5, 4\)"):
+        work.reconstruct_frames([one, one.T], [pose, pose], 1.0)
+    with pytest.raises(ValueError, match=r"frames: expected shape \(F, H, W\)"):
+        work.reconstruct_frames([one[..., None]] * 2, [pose, pose], 1.0)
+
+
 @pytest.mark.slow
 def test_a_live_run_ends_with_a_volume(work, sweep):
     pytest.importorskip("pyigtl", reason="live needs pyigtl")

@@ -169,7 +169,7 @@ class GlobuleWidget(ScriptedLoadableModuleWidget):
             if browser is None:
                 raise ValueError("expected a sequence browser, got none")
             frames, poses = self._frames(browser)
-            self._add(work.reconstruct_frames(np.stack(frames), poses, self.voxelSize.value))
+            self._add(work.reconstruct_frames(frames, poses, self.voxelSize.value))
 
     def _frames(self, browser):
         """Images and RAS from pixel of each item."""

@@ -174,19 +174,26 @@ def reconstruct_file(
     `globule.ultrasound.reconstruct` do."""
     import globule as gb
 
+    if not path:
+        raise ValueError("sweep: expected a file, got none")
     sweep = gb.ultrasound.read_sweep(path, calibration=calibration or None, poses=poses or None)
     return _shown(gb.ultrasound.reconstruct(sweep, spacing=voxel_size, method=method), sweep)
 
 
 def reconstruct_frames(
-    frames: np.ndarray, ras_from_image: Sequence[np.ndarray], voxel_size: float,
+    frames: Sequence[np.ndarray], ras_from_image: Sequence[np.ndarray], voxel_size: float,
     times: Sequence[float] | None = None, method: str = "frames",
 ) -> Shown:  # fmt: skip
-    """The volume of frames (F, H, W), such as those of a sequence browser, and their poses (F, 4,
-    4)."""
+    """The volume of frames (H, W), such as those of a sequence browser, and their poses (F, 4, 4).
+
+    Raises ValueError for none, and for frames of several sizes or of colors.
+    """
     import globule as gb
 
-    sweep = gb.ultrasound.Sweep(frames, np.asarray(ras_from_image, float), times, space="RAS")
+    sizes = {np.shape(frame) for frame in frames}
+    if len(sizes) != 1:
+        raise ValueError(f"sequence: expected images of one size, got {', '.join(map(str, sorted(sizes))) or 'none'}")
+    sweep = gb.ultrasound.Sweep(np.stack(frames), np.asarray(ras_from_image, float), times, space="RAS")
     return _shown(gb.ultrasound.reconstruct(sweep, spacing=voxel_size, method=method), sweep)
 
 
