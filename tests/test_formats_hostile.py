@@ -15,6 +15,7 @@ from cli_helpers import refuses
 from format_helpers import sample
 from globule import formats
 from globule.formats import FormatError
+from globule.formats.kind import kind_of
 
 N = 25
 
@@ -467,3 +468,16 @@ def test_a_file_cut_in_its_appended_data_says_so(tmp_path):
     path.write_bytes(xml("raw")[:-40])
     with pytest.raises(formats.FormatError, match="</AppendedData>, got the end of the file: cut off"):
         formats.read(path)
+
+
+def test_a_folder_of_particles_names_the_pattern(tmp_path):
+    for name in ("frame_0.vtp", "frame_1.vtp"):
+        formats.write(tmp_path / name, sample(N))
+    formats.write(tmp_path / "last.npz", sample(N))
+    for name in ("plot.png", ".hidden.bgeo"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(FormatError, match=r"expected a file, got a folder; a pattern .* such as '.*[/\\]\*\.vtp'"):
+        formats.read(tmp_path)
+    (tmp_path / "plot.png").unlink()
+    with pytest.raises(FormatError, match="expected a file, got a folder"):
+        kind_of(tmp_path)

@@ -11,6 +11,7 @@ import os
 import re
 import stat
 import zipfile
+from collections import Counter
 from typing import Any, NamedTuple
 
 from .._base.checks import a_path
@@ -126,7 +127,16 @@ def kind_of(path: str | os.PathLike[str], wanted: str | None = None) -> Kind:
     mode = os.stat(path).st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise bad(path, "", "expected a file or a folder, got a pipe or a device")
-    found = _in_folder(path) if os.path.isdir(path) else _by_content(path, wanted)
+    if os.path.isdir(path):
+        found = _in_folder(path)
+        endings = _endings_in(path) if found is None or wanted == "particles" else []
+        if endings:
+            example = os.path.join(path, f"*{endings[0]}")
+            raise bad(path, "", f"expected a file, got a folder; a pattern names those in it, such as '{example}'")
+        if found is None:
+            raise bad(path, "", "expected pictures or a DICOM series in this folder, got neither")
+    else:
+        found = _by_content(path, wanted)
     found = found or _by_ending(path, wanted)
     if found is None:
         expected = "particles, a mesh, a volume, a sweep, a picture or a scene"
@@ -276,7 +286,15 @@ def _in_archive(path: str | os.PathLike[str], wanted: str | None) -> Kind | None
     return Kind("sweep" if "frames" in names else wanted or "particles", "npz")
 
 
-def _in_folder(path: str | os.PathLike[str]) -> Kind:
+def _endings_in(path: str | os.PathLike[str]) -> list[str]:
+    """The endings of a folder's files of particles, the most frequent first."""
+    known = [ending for form in formats() if form.kind == "particles" for ending in form.endings]
+    names = [name.lower() for name in sorted(os.listdir(path)) if not name.startswith(".")]
+    found = Counter(max(ends, key=len) for name in names if (ends := [end for end in known if name.endswith(end)]))
+    return [ending for ending, _ in found.most_common()]
+
+
+def _in_folder(path: str | os.PathLike[str]) -> Kind | None:
     names = sorted(os.listdir(path))
     if any(name.lower().endswith(PICTURE_ENDINGS) for name in names):
         return Kind("sweep", "pictures")
@@ -285,7 +303,7 @@ def _in_folder(path: str | os.PathLike[str]) -> Kind:
         found = kind_or_none(file)
         if found is not None and found.format == "dicom":
             return Kind("volume", "dicom")
-    raise bad(path, "", "expected pictures or a DICOM series in this folder, got neither")
+    return None
 
 
 def _in_text(text: str, ending: Kind | None) -> Kind | None:
