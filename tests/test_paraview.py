@@ -49,6 +49,15 @@ def version_of(program: str) -> str:
     return done.stdout
 
 
+def patient(command: list[str]) -> subprocess.CompletedProcess[str]:
+    """Run a command, again where its X server was lost: two of xvfb-run may take the same number."""
+    for _ in range(3):
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+        if "bad X server connection" not in done.stderr:
+            break
+    return done
+
+
 @pytest.fixture
 def paraview(tmp_path, monkeypatch):
     """Runs a program by pvpython, or by pvbatch on ranks of MPI, and returns what it found."""
@@ -86,10 +95,7 @@ def paraview(tmp_path, monkeypatch):
             command = ["xvfb-run", "-a", *command]
         Path("program.py").write_text(BEGIN.format(plugin=str(PLUGIN / "globule_paraview.py")) + program + END)
         Path("found.json").unlink(missing_ok=True)
-        for _ in range(3):
-            done = subprocess.run([*command, "program.py"], capture_output=True, text=True, timeout=PATIENCE)
-            if "bad X server connection" not in done.stderr:  # two of xvfb-run may take the same number
-                break
+        done = patient([*command, "program.py"])
         assert Path("found.json").is_file(), done.stdout + done.stderr
         assert "Traceback" not in done.stderr, done.stderr
         return {**json.loads(Path("found.json").read_text()), "errors": done.stderr}
@@ -370,7 +376,7 @@ def test_the_programs_of_the_how_to(paraview):
         pytest.skip("no pvpython of the system's Python, or no xvfb-run")
     for command, made in ((["pvpython", "script.py"], "image.png surface.vtp state.pvsm"),
                           ([python, "run.py"], "datasets/step_0000.png datasets/step_0003.png")):  # fmt: skip
-        done = subprocess.run(["xvfb-run", "-a", *command], capture_output=True, text=True, timeout=PATIENCE)
+        done = patient(["xvfb-run", "-a", *command])
         assert "volume" in done.stdout, done.stdout + done.stderr
         assert "Traceback" not in done.stderr, done.stderr
         assert [name for name in made.split() if not Path(name).is_file()] == []
