@@ -223,9 +223,10 @@ def test_spacing_and_volume_of_real_fluid(name, spacing):
     assert scene.support / 2.25 == pytest.approx(spacing, rel=0.015)
     n = len(particles)
     known = gb.Scene(particles.positions, surface="smooth", spacing=spacing, device="cpu")
-    assert random_volume(known, spacing) / n == pytest.approx(1, abs=0.03)
-    # Most of the small bunny lies near a surface: its spacing is measured 1 % too large.
-    assert random_volume(scene, spacing) / n == pytest.approx(1, abs=0.04 if "bunny" in name else 0.03)
+    # Most of the small bunny lies near a rough surface: its spacing is measured 1 % too large.
+    bound = 0.05 if "bunny" in name else 0.03
+    assert random_volume(known, spacing) / n == pytest.approx(1, abs=bound)
+    assert random_volume(scene, spacing) / n == pytest.approx(1, abs=bound)
 
 
 @pytest.mark.parametrize("shape", [(10, 10, 10), (40, 40, 1), (30, 30, 2)])

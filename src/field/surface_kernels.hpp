@@ -27,7 +27,8 @@ inline constexpr float kFlat = 0.3f, kInside = 1.0f;            ///< eigenvalue 
 inline constexpr float kFace = 0.73f;                           ///< field at a particle in a flat face
 inline constexpr float kDroplet = 0.1f,
                        kCrowd = 0.36f;  ///< share of the neighborhood that is filled: weights are raised below
-inline constexpr float kEdgeCrowd = 0.5f, kEdge = 0.82f;  ///< the same, and raised to, at edges, which are rounded off
+inline constexpr float kEdgeCrowd = 0.482f,
+                       kEdge = 0.82f;  ///< the same, and raised to, at edges, which are rounded off
 inline constexpr float kEdgeFrom = 0.04f,
                        kEdgeTo = 0.1225f;             ///< square of the neighbors' mean over the radius: an edge
 inline constexpr float kAlone = 0.04f, kSome = 0.2f;  ///< the same: kernels are round below
