@@ -261,7 +261,7 @@ def test_bodies_of_few_particles_have_their_volume():
     bodies += [cells[away < radius] for radius in (2, 2.5, 3, 4)]
     for points in bodies:
         scene = smooth(points, device="cpu")
-        assert random_volume(scene, 1.0) / len(points) == pytest.approx(1, abs=0.035), len(points)
+        assert random_volume(scene, 1.0) / len(points) == pytest.approx(1, abs=0.045), len(points)
 
 
 @pytest.mark.slow
