@@ -307,7 +307,8 @@ def shows_the_drop(folder, name, positions=None, order=None) -> None:
     order = np.arange(len(p)) if order is None else order
     scene = gb.Scene(p[order].astype(np.float32), surface="smooth", spacing=0.05, device="cpu")
     expected = gb.render(scene, gb.Camera((1, 0.7, 1.6), (0, 0, 0)), DRAWN).picture
-    assert np.array_equal(ppm(folder / f"{name}.ppm"), expected), name
+    # Each of the two rounds the axes of the camera by itself: a pixel may be a level off.
+    assert np.abs(ppm(folder / f"{name}.ppm").astype(int) - expected).max() <= 1, name
     values = np.fromfile(folder / f"{name}.raw", np.float32)
     np.testing.assert_allclose(values, (order / len(p)).astype(np.float32), rtol=1e-6)
 
