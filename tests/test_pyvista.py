@@ -48,14 +48,20 @@ def assert_alone(plotter: object, scene: gb.Scene) -> None:
     assert not image[~hit].any()
 
 
-@pytest.mark.parametrize("parallel", [False, True])
-def test_the_pixels_are_those_of_render(plotter, parallel):
+def shown_aslant(plotter, parallel: bool) -> gb.Scene:
+    """A ball in the plotter, from above and aside."""
     scene = ball()
     gb.pyvista.add_particles(plotter, scene, SETTINGS)
     if parallel:
         plotter.enable_parallel_projection()
         plotter.camera.parallel_scale = 1.7
     look_from(plotter, (3, 2, 4), (0.2, 0, 0), (0, 1, 0.2))
+    return scene
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_the_pixels_are_those_of_render(plotter, parallel):
+    scene = shown_aslant(plotter, parallel)
     assert_alone(plotter, scene)
     plotter.camera.azimuth = 50  # the surface follows
     plotter.reset_camera_clipping_range()
@@ -117,12 +123,7 @@ def test_update_and_remove(plotter):
 @pytest.mark.parametrize("parallel", [False, True])
 def test_an_image_larger_than_the_window(plotter, parallel):
     """VTK makes it of parts, whose views are off their axis."""
-    scene = ball()
-    gb.pyvista.add_particles(plotter, scene, SETTINGS)
-    if parallel:
-        plotter.enable_parallel_projection()
-        plotter.camera.parallel_scale = 1.7
-    look_from(plotter, (3, 2, 4), (0.2, 0, 0), (0, 1, 0.2))
+    scene = shown_aslant(plotter, parallel)
     frame = gb.render(scene, gb.pyvista.camera_of(plotter.camera), (320, 240), SETTINGS)
     image = np.asarray(plotter.screenshot(return_img=True, scale=2))[..., :3].astype(int)
     differ = np.abs(image - frame.image.astype(int)).max(axis=2) > 1

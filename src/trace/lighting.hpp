@@ -1,5 +1,7 @@
 // What a picture's light is made of: lights, sky, ground, and how surfaces send it on.
 #pragma once
+#include <algorithm>
+
 #include "trace/light.hpp"
 #include "trace/material.hpp"
 #include "trace/random.hpp"

@@ -78,7 +78,7 @@ private:
             if (lighting.lights[k].kind != LightKind::head) {
                 lighting.towards(k, h.p, l, distance);
                 const float radius = lighting.radius(k, distance), square = radius * radius;
-                if (rays.source.dithered && rays.pass_of(i) > 0) {
+                if (rays.shades_by_sample(i)) {
                     l = lighting.on_face(k, l, distance, rays.light_sample(i, std::uint32_t(which)));
                 } else {
                     // In an image of one sample, the mean over a soft light's face, without noise: of the directions to

@@ -29,24 +29,25 @@ struct ShadowRay {
         if (layer == 0) *out = 1.0f;
         if (hits.layer[i] == kMissed || *out == 0.0f) return false;
         const Point h = point_of(lighting, rays, hits, i);
-        const std::uint32_t number = std::uint32_t(which);
         if (which < lighting.ambient_rays) {
             if (h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return false;
             d = cosine_direction(
                 h.normal, sample(rays.pixel_of(i), 8, rays.pass_of(i) * std::uint32_t(lighting.ambient_rays) + which));
             distance = lighting.ambient_distance;
         } else {
+            const Pair on = rays.light_sample(i, std::uint32_t(which));
             which -= lighting.ambient_rays;
             int light = 0;
             for (;; ++light)
                 if (lighting.casts(light) && which-- == 0) break;
-            lighting.towards(light, h.p, d, distance);
+            float3 middle;
+            lighting.towards(light, h.p, middle, distance);
+            d = lighting.on_face(light, middle, distance, on);
             // From behind, or too little to matter even in full view.
-            const float3 full =
-                rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, h.specular, h.shininess, h.normal,
-                                            h.d, d, lighting.lights[light].radiance);
-            if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff || dot(d, h.normal) <= 0.0f) return false;
-            d = lighting.on_face(light, d, distance, rays.light_sample(i, number));
+            const float3 full = rays.throughput_of(i) *
+                                reflected_light(h.albedo * h.split.matte, h.specular, h.shininess, h.normal, h.d,
+                                    rays.shades_by_sample(i) ? d : middle, lighting.lights[light].radiance);
+            if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff) return false;
         }
         if (dot(d, h.normal) <= 0.0f) {  // behind the surface
             *out = 0.0f;

@@ -28,6 +28,9 @@ struct WaveRays {
         const std::uint32_t pixel = pixel_of(i), width = std::uint32_t(source.camera.width);
         return source.dithered ? dithered(at, pixel % width, pixel / width) : at;
     }
+    /// Whether a soft light's shading is that of this point: of further samples, which converge to the integral over
+    /// its face.  Else it is the mean over the face, without noise.
+    GB_FN bool shades_by_sample(std::size_t i) const { return source.dithered && pass_of(i) > 0; }
     GB_FN float3 throughput_of(std::size_t i) const {
         return throughput ? float3{throughput[3 * i], throughput[3 * i + 1], throughput[3 * i + 2]} : float3{1, 1, 1};
     }
