@@ -125,6 +125,7 @@ GB_FN unsigned bits(WideBD m) {
     return set;
 #endif
 }
+GB_FN bool any(WideBD m) { return bits(m) != 0; }
 GB_FN WideD select(WideBD m, WideD a, WideD b) { return m.v ? a.v : b.v; }
 GB_FN WideD min(WideD a, WideD b) { return a.v < b.v ? a.v : b.v; }
 GB_FN WideD max(WideD a, WideD b) { return a.v > b.v ? a.v : b.v; }

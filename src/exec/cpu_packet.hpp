@@ -13,6 +13,8 @@ struct CpuPacket {
     static constexpr int stride = kWidth;  ///< rows whose lists are interleaved
     using F = WideF;
     using B = WideB;
+    using D = WideD;
+    static constexpr int half = kWideD;  ///< rows of float64 at a time
 
     // Who goes through a row's list: one here, several warps on a GPU (CudaTeam).
     static constexpr std::uint32_t team = 1;
@@ -172,7 +174,13 @@ struct CpuPacket {
         for (int i = 0; i < width; ++i) r.v[i] = fn(i);
         return r;
     }
+    template <class Fn> GB_FN static D map_d(const Fn& fn) {
+        D r;
+        for (int i = 0; i < half; ++i) r.v[i] = fn(i);
+        return r;
+    }
     GB_FN static float get(const F& v, int lane) { return v.v[lane]; }
+    GB_FN static double get(const D& v, int lane) { return v.v[lane]; }
 };
 
 }  // namespace globule::core

@@ -11,6 +11,8 @@ struct CudaPacket {
     static constexpr int stride = 32;  ///< a warp's lists are interleaved, so that it loads them together
     using F = float;
     using B = bool;
+    using D = double;
+    static constexpr int half = 1;
     using Short = __half;
     static constexpr std::uint32_t team = 1;
     __device__ static std::uint32_t member() { return 0; }
@@ -98,7 +100,9 @@ struct CudaPacket {
     };
     __device__ static std::uint32_t longest(const std::uint32_t* counts) { return *counts; }
     template <class Fn> __device__ static F map(const Fn& fn) { return fn(0); }
+    template <class Fn> __device__ static D map_d(const Fn& fn) { return fn(0); }
     __device__ static float get(F v, int) { return v; }
+    __device__ static double get(D v, int) { return v; }
 
 private:
     static constexpr std::uint32_t kRun = 1u << 15;

@@ -1,6 +1,7 @@
-// Questions at a point: who reaches it, who is near it.  One traversal, one thread a point; the
-// float64 last word of the tracer and the public field, gradient and neighbor calls use it.
+// Questions at a point: who reaches it, who is near it.  One traversal, one thread a point or a packet of points;
+// the float64 last word of the tracer and the public field, gradient and neighbor calls use it.
 #pragma once
+#include "exec/bits.hpp"
 #include "field/column.hpp"
 #include "field/influence.hpp"
 #include "field/kernels.hpp"
@@ -128,29 +129,68 @@ GB_FN void for_each_reaching(const Tree& tree, const SortedParticles& particles,
     });
 }
 
-/// Field and gradient at points, float64 sums: f = sum c b(r), grad f.
+/// Field and gradient at points, float64 sums in Morton order: f = sum c b(r), grad f.  Points of a packet that are
+/// near each other walk the tree together; a particle that does not reach a point adds 0 there, so that it does not
+/// matter who walks with whom.
 struct EvaluateField {
     Tree tree;
     SortedParticles particles;
     AnyKernel kernel;
-    const float* points;  ///< (m, 3)
-    float* field;         ///< (m,) or null
-    float* gradient;      ///< (m, 3) or null
-    GB_FN void operator()(std::size_t i) const {
-        const Vec3<double> p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
-        double f = 0;
-        Vec3<double> half{0, 0, 0};
-        for_each_reaching(
-            tree, particles, p, [&](std::uint32_t j, const Vec3<double>& v, const SortedShape<double>& shape) {
-                const Influence<double> s = influence(kernel, shape, v, double(particles.weight[j]));
+    std::size_t n;
+    float near;           ///< how far apart points are that walk together, world units
+    const float* points;  ///< (n, 3)
+    float* field;         ///< (n,) or null
+    float* gradient;      ///< (n, 3) or null
+    template <class Packet> GB_FN void run(std::size_t first) const {
+        for (std::size_t i = first; i < first + Packet::width && i < n; i += Packet::half)
+            look_around<Packet>(i, int(min<std::size_t>(Packet::half, n - i)));
+    }
+
+private:
+    GB_FN float3 point(std::size_t i) const { return {points[3 * i], points[3 * i + 1], points[3 * i + 2]}; }
+
+    template <class Packet> GB_FN void look_around(std::size_t first, int count) const {
+        using D = typename Packet::D;
+        for (unsigned left = (1u << count) - 1; left != 0;) {
+            const int leader = trailing_zeros(left);
+            const float3 p = point(first + leader);
+            float3 lo = p, hi = p;
+            unsigned together = 1u << leader;
+            for (int k = leader + 1; k < count; ++k) {
+                const float3 q = point(first + k), away = q - p;
+                const bool beside = abs(away.x) <= near && abs(away.y) <= near && abs(away.z) <= near;
+                if (!beside || !(left >> k & 1)) continue;
+                together |= 1u << k;
+                lo = {min(lo.x, q.x), min(lo.y, q.y), min(lo.z, q.z)};
+                hi = {max(hi.x, q.x), max(hi.y, q.y), max(hi.z, q.z)};
+            }
+            left &= ~together;
+            const auto place = [&](int axis) {
+                return Packet::map_d([&](int k) {
+                    return double(points[3 * (first + (together >> k & 1 ? k : leader)) + axis]);
+                });
+            };
+            const Vec3<D> at{place(0), place(1), place(2)};
+            D f(0.0);
+            Vec3<D> half{D(0.0), D(0.0), D(0.0)};
+            for_each_touching(tree, lo, hi, [&](std::uint32_t j) {
+                const Vec3<D> v{at.x - D(particles.x[j]), at.y - D(particles.y[j]), at.z - D(particles.z[j])};
+                const SortedShape<D> shape{particles, j};
+                const auto reached = D(1.0) > shape.x(v);
+                if (!any(reached)) return;
+                const Influence<D> s = influence(kernel, shape, v, select(reached, D(particles.weight[j]), D(0.0)));
                 f += s.value;
                 half = half + s.half_gradient;
             });
-        if (field) field[i] = float(f);
-        if (gradient) {
-            gradient[3 * i] = float(2.0 * half.x);
-            gradient[3 * i + 1] = float(2.0 * half.y);
-            gradient[3 * i + 2] = float(2.0 * half.z);
+            for (int k = leader; k < count; ++k) {
+                if (!(together >> k & 1)) continue;
+                if (field) field[first + k] = float(Packet::get(f, k));
+                if (!gradient) continue;
+                float* slope = gradient + 3 * (first + k);
+                slope[0] = float(2.0 * Packet::get(half.x, k));
+                slope[1] = float(2.0 * Packet::get(half.y, k));
+                slope[2] = float(2.0 * Packet::get(half.z, k));
+            }
         }
     }
 };

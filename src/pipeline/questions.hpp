@@ -98,8 +98,15 @@ public:
         float* gradient) {
         const float* p = bring(exec_, points_, points, 3 * n);
         float* out = results_.reserve(4 * n);
-        exec_.for_each(n, EvaluateField{octree.view(), octree.particles(), {kernel}, p, value ? out : nullptr,
-                              gradient ? out + n : nullptr});
+        const Attribute& support = octree.particles().support;
+        const std::size_t first = octree.header().n_outside;
+        float near = 2.0f * support.uniform;
+        if (support.data && first < octree.size()) {
+            exec_.download(&near, support.data + first, sizeof near);
+            near *= 2.0f;
+        }
+        exec_.for_each_packet(n, EvaluateField{octree.view(), octree.particles(), {kernel}, n, near, p,
+                                     value ? out : nullptr, gradient ? out + n : nullptr});
         if (value) exec_.download(value, out, n * sizeof(float));
         if (gradient) exec_.download(gradient, out + n, 3 * n * sizeof(float));
     }

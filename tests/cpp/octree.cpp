@@ -202,7 +202,7 @@ TEST_CASE("the field is the sum of its particles, its gradient the field's slope
     for (int i = 0; i < 100; ++i) {
         const float3 p = random.point(-0.2, 1.2);
         float value, slope[3];
-        core::EvaluateField{b.tree(), b.sorted(), kMurakami, &p.x, &value, slope}(0);
+        core::EvaluateField{b.tree(), b.sorted(), kMurakami, 1, 0.5f, &p.x, &value, slope}.run<core::CpuPacket>(0);
         CHECK(value == doctest::Approx(field(p, 0, 0.0)).epsilon(1e-6));
         for (int k = 0; k < 3; ++k) CHECK(std::abs(slope[k] - (field(p, k, 1e-6) - field(p, k, -1e-6)) / 2e-6) < 1e-4);
     }
