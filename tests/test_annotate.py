@@ -472,7 +472,7 @@ def test_transparent_and_flat_on_the_command_line(files):
 
 def test_mistakes_on_the_command_line(files, capsys):
     for words, what in (
-        (["--legend-at", "outside"], "expected --color-by beside a legend"),
+        (["--legend-at", "outside"], "--legend-at: expected --color-by beside it"),
         (["--views", "front", "--eye", "1,2,3"], "--views: expected no --eye"),
         (["--views", "front", "--pick", "1,2"], "--views: expected no --pick"),
         (["--views", "behind"], "--views: expected some of front"),

@@ -65,6 +65,11 @@ def test_panels_over_time_with_one_legend(run, capsys):
     assert pictures("a.svg") == 3 + 1  # the panels, and the bar of the legend
 
 
+def test_more_panels_than_frames_are_said(run, capsys):
+    assert main(["figure", run, "-o", "a.png", "--panels", "90", *SMALL]) == 0
+    assert "note: --panels 90, of 5 frames: a panel for each" in capsys.readouterr().err
+
+
 def test_each_choice_of_frames(run, capsys):
     for words, numbers in (
         (["--panels", "2"], [0, 4]),

@@ -63,19 +63,63 @@ struct TakeVelocity {
     }
 };
 
+/// What each free particle is near to, within the lists' reach.
+enum Beside : std::uint8_t {
+    kAlone,
+    kFluid,
+    kSlidFace,  ///< of a cut, along this one
+    kOther      ///< body
+};
+
+/// How much of an impulse a particle of a solid shows within the step.  Its neighbors take up the rest meanwhile: a
+/// particle on springs of the stiffness k answers to an impulse of a step as one with the mass m + k dt^2 would.
+struct Response {
+    const float* of;         ///< (n,) 1: all of it; null: everybody shows all
+    float share, wet_share;  ///< of the last pressure, that acts in the substeps
+    GB_FN float operator()(std::size_t t) const { return of ? of[t] : 1.0f; }
+    GB_FN float pressure(std::size_t t) const { return (*this)(t) < 1.0f ? wet_share : share; }
+};
+
+/// Beside a fluid, a solid meets pressure and forces with that mass.  What its particles are owed of the impulses then
+/// acts in the next step's substeps.
+struct Weigh {
+    sim::State state;
+    const std::uint32_t* slot;
+    const std::uint8_t *beside, *hold;
+    const Quad* velocity;  ///< w: inverse mass
+    const float* lame;     ///< (2, stride) as in Solid
+    std::uint32_t stride;
+    float ahead2;  ///< (dt / spacing)^2
+    float* response;
+    GB_FN void operator()(std::size_t t) const {
+        response[t] = 1.0f;
+        if (beside[t] != kFluid || hold[t] != kFree) return;
+        const float stiff = 2.0f * lame[t] + lame[stride + t];
+        response[t] = 1.0f / (1.0f + max(stiff, 0.0f) * velocity[t].w * ahead2);
+        state.place[slot[t]].w *= response[t];
+    }
+};
+
 /// What the forces added to the velocity since then, as an acceleration for the substeps.  What pressure and its
 /// friction did in the last step acts there, too: what rests is at rest within the step.
 struct TakeAcceleration {
     sim::State state;
     const std::uint32_t* slot;
     const Quad* velocity;
-    const float3* pressed;  ///< acceleration by pressure
-    float per_dt, share;
+    const float3 *pressed, *owed;  ///< acceleration by pressure; velocity, null: nobody is owed any
+    Response response;
+    float per_dt;
+    float3 gravity;
     float3* acceleration;
     GB_FN void operator()(std::size_t t) const {
-        acceleration[t] = slot[t] == sim::kGone
-                              ? float3{0, 0, 0}
-                              : (state.velocity[slot[t]].xyz() - velocity[t].xyz()) * per_dt + pressed[t] * share;
+        if (slot[t] == sim::kGone) {
+            acceleration[t] = {0, 0, 0};
+            return;
+        }
+        float3 a = (state.velocity[slot[t]].xyz() - velocity[t].xyz()) * per_dt;
+        if (response(t) < 1.0f) a = gravity + (a - gravity) * (1.0f / response(t));
+        if (owed) a = a + owed[t] * per_dt;
+        acceleration[t] = a + pressed[t] * response.pressure(t);
     }
 };
 
@@ -87,14 +131,15 @@ struct GiveVelocity {
     const std::uint32_t* slot;
     const Quad *at, *velocity;
     const std::uint8_t* hold;
-    float dt, per_dt;  ///< dt: times the share of the pressure
+    Response response;
+    float dt, per_dt;
     float3 *rest, *pressed;
     GB_FN void operator()(std::size_t t) const {
         const std::uint32_t s = slot[t];
         if (s == sim::kGone) return;
         const float3 led = (at[t].xyz() - state.place[s].xyz()) * per_dt;
         rest[t] = velocity[t].xyz() - led;
-        const float3 v = hold[t] == kFree ? led - pressed[t] * dt : led;
+        const float3 v = hold[t] == kFree ? led - pressed[t] * (response.pressure(t) * dt) : led;
         pressed[t] = v;
         state.velocity[s] = {v.x, v.y, v.z, state.velocity[s].w};
     }
@@ -104,12 +149,15 @@ struct TakePressed {
     sim::State state;
     const std::uint32_t* slot;
     const std::uint8_t* hold;
+    Response response;
     float per_dt;
-    float3* pressed;
+    float3 *pressed, *owed;
     GB_FN void operator()(std::size_t t) const {
         const std::uint32_t s = slot[t];
-        pressed[t] =
-            s == sim::kGone || hold[t] != kFree ? float3{0, 0, 0} : (state.velocity[s].xyz() - pressed[t]) * per_dt;
+        const float3 change =
+            s == sim::kGone || hold[t] != kFree ? float3{0, 0, 0} : state.velocity[s].xyz() - pressed[t];
+        pressed[t] = change * per_dt;
+        if (owed) owed[t] = change * (1.0f / response(t) - 1.0f);
     }
 };
 /// What is held goes where it is led, whatever the pressure.
@@ -128,11 +176,14 @@ struct HoldOn {
 };
 struct AddRest {
     sim::State state;
+    const sim::Phase* phases;
     const std::uint32_t* slot;
     const float3* rest;
+    Response response;
     GB_FN void operator()(std::size_t t) const {
         const std::uint32_t s = slot[t];
         if (s == sim::kGone) return;
+        if (response(t) < 1.0f) state.place[s].w = -1.0f / phases[state.phase[s]].density;
         const float3 v = state.velocity[s].xyz() + rest[t];
         state.velocity[s] = {v.x, v.y, v.z, state.velocity[s].w};
     }
@@ -144,13 +195,6 @@ struct Members {
     std::uint32_t n_ids;
     GB_FN std::uint32_t operator()(std::uint32_t id) const { return id < n_ids ? of_id[id] : kNobody; }
 };
-
-/// What each free particle is near to, within the lists' reach.
-enum Beside : std::uint8_t {
-    kAlone,
-    kFluid,
-    kOther
-};  ///< kFluid: or a face of a cut that slid along this one; kOther: another body
 
 /// What stands before each free particle.  Pressure acts once a step, on tissue whose substeps have not felt it.  Walls
 /// are therefore planes that the substeps know: no particle comes nearer than it is, or than it would be at rest.  What
@@ -181,7 +225,7 @@ template <class Packet> struct FindContacts {
                 if (kind == sim::Kind::rigid || other_body(t, o)) near = kOther;
                 else if (kind == sim::Kind::fluid) near = max(near, std::uint8_t(kFluid));
                 else if (slid(t, o, here - step.state.place[j].xyz())) {
-                    near = max(near, std::uint8_t(kFluid));
+                    near = max(near, std::uint8_t(kSlidFace));
                     if (spared[t] < 0.0f) spared[t] = kAnyDensity;  // contact begins with the next step, which is short
                 }
                 continue;
@@ -236,9 +280,12 @@ struct CountAs {
     sim::State state;
     const std::uint32_t* slot;
     const std::uint8_t* beside;
-    float speed[3];  ///< by what it is beside, m/s
+    Response response;
+    float speed[4];  ///< by what it is beside, m/s
     GB_FN void operator()(std::size_t t) const {
-        if (slot[t] != sim::kGone) state.growth[slot[t]] = speed[beside[t]];
+        // A fluid beside springs: as a face.
+        const std::uint8_t by = beside[t] == kFluid && !(response(t) < 1.0f) ? std::uint8_t(kSlidFace) : beside[t];
+        if (slot[t] != sim::kGone) state.growth[slot[t]] = speed[by];
     }
 };
 

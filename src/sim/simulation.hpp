@@ -171,7 +171,7 @@ public:
         if (state_.n_rows == 0) bodies_.solve().kick(settings_.gravity, dt);
         if (state_.n_rows > 0) {
             tissue_.change(context(dt));
-            tissue_.find_contacts(context(dt), rubs());
+            tissue_.find_contacts(context(dt), rubs(), !settings_.weakly_compressible && any_fluid());
             mark("neighbors");
             fluid_.densities();
             mark("density");
@@ -417,6 +417,10 @@ private:
         mark("tissue");
     }
 
+    bool any_fluid() {
+        return std::any_of(state_.phase_table.begin(), state_.phase_table.end(),
+            [](const sim::Phase& p) { return p.kind == sim::Kind::fluid; });
+    }
     /// Whether tissue has friction with anything.
     bool rubs() const {
         return std::any_of(state_.phase_table.begin(), state_.phase_table.end(),
@@ -503,7 +507,7 @@ private:
                                      settings_.lo, state_.phases(), positions, state_.not_a_number()});
         fluid_.end_shift();
         if (split) fluid_.end_split(dt);
-        if (state_.n_rows > 0) tissue_.add_rest(state_.view());
+        if (state_.n_rows > 0) tissue_.add_rest(state_.view(), state_.phases());
         if (state_.n_rows > 0 && by_approach()) tissue_.count_as(state_.view(), float(farthest_move()));
     }
 

@@ -8,6 +8,7 @@
 //   f_i = Σ_j c_ij [(Q_i + Q_j) X_ij + (b_i + b_j) x_ij],  Q = V P(F) C - b F.
 // Linear and angular momentum are conserved, as the energy knows neither place nor orientation.
 #pragma once
+#include "sim/couple.hpp"
 #include "sim/memory.hpp"
 
 namespace globule::core::tissue {
@@ -100,12 +101,32 @@ struct FindQuiet {
     GB_FN static bool stays(std::uint8_t hold) { return hold == kFixed || hold == kGone; }
 };
 
+/// Beside a fluid, what differs between neighbors' velocities decays.  Pressure acts once a step, on a solid whose
+/// substeps have not felt it, and would else feed the motions that are shorter than a step.
+struct Drag {
+    static constexpr float kShare = 0.2f / 24.0f;  ///< of the difference, in a substep; a particle has some 24 bonds
+    const std::uint8_t *beside, *hold;             ///< null: no fluid is there
+    const Quad* velocity;
+    float3* change;
+
+    GB_FN bool acts_on(std::uint32_t t) const { return beside && beside[t] == kFluid && hold[t] == kFree; }
+    GB_FN void find(const Bonds& bonds, std::uint32_t t) const {
+        const float3 own = velocity[t].xyz();
+        float3 sum{0, 0, 0};
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock)
+            if (bonds.length[e] > 0.0f && acts_on(bonds.other[e])) sum = sum + velocity[bonds.other[e]].xyz() - own;
+        const float share = kShare;
+        change[t] = sum * share;
+    }
+};
+
 /// F of each particle, and from it Q.  With a memory, it goes on by a substep, of quiet ones, too.
 template <class Memory> struct Strain {
     Bonds bonds;
     Solid solid;
     const Quad* at;
     const std::uint8_t* quiet;
+    Drag drag;
     [[no_unique_address]] Memory memory;
 
     template <class Packet> GB_FN void run(std::size_t row) const {
@@ -117,6 +138,8 @@ template <class Memory> struct Strain {
             for (int lane = 0; lane < Packet::width; ++lane) all_quiet &= quiet[own[lane]] != 0;
             if (all_quiet) return;
         }
+        for (int lane = 0; lane < Packet::width && row + lane < bonds.n; ++lane)
+            if (drag.acts_on(own[lane])) drag.find(bonds, own[lane]);
         const Four<F> x = Packet::gather(at, own), X = Packet::gather(solid.rest, own);
         const F zero = F(0.0f), one = F(1.0f), per_d = F(1.0f / solid.spacing);
         F d00 = zero, d01 = zero, d02 = zero, d10 = zero, d11 = zero, d12 = zero, d20 = zero, d21 = zero, d22 = zero;
@@ -189,6 +212,7 @@ struct Push {
     Shapes shapes;
     Walls walls;
     Felt felt;
+    Drag drag;
     float dt;
 
     template <class Packet> GB_FN void run(std::size_t row) const {
@@ -235,6 +259,7 @@ struct Push {
             x = x + u * dt;
         } else {
             u = u + (acceleration[t] + force * v.w) * dt;
+            if (drag.acts_on(t)) u = u + drag.change[t];
             const float damping = materials.damping[phase[t]];
             if (damping > 0.0f) u = u * exp(-damping * dt);
             x = x + u * dt;

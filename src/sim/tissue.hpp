@@ -30,6 +30,9 @@ public:
           before_(exec),
           rest_(exec),
           by_pressure_(exec),
+          response_(exec),
+          owed_(exec),
+          drag_(exec),
           id_(exec),
           slot_(exec),
           hold_(exec),
@@ -271,12 +274,14 @@ public:
     /// What happens to tissue once a step, while its particles stand: it tears, and gets wet.
     template <class Packet> void change(const sim::Step<Packet>& step);
     /// What tissue meets: walls, which the substeps keep it out of, and others.
-    template <class Packet> void find_contacts(const sim::Step<Packet>& step, bool rubs);
+    /// `fluids`: there are some, and what presses is found by a solve.
+    template <class Packet> void find_contacts(const sim::Step<Packet>& step, bool rubs, bool fluids);
     /// After a step whose next one is chosen by speeds alone: `far` is how far a particle may move in it.
     void count_as(const sim::State& state, float far) {
         const float substep = far * float(fastest_);
-        exec_.for_each(n_, tissue::CountAs{state, slot_.data(), beside_.data(),
-                               {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByOthers}});
+        exec_.for_each(
+            n_, tissue::CountAs{state, slot_.data(), beside_.data(), response(),
+                    {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByFaces, substep / kSubstepsByOthers}});
     }
     /// Before the forces.
     void take_velocities(const sim::State& state) {
@@ -286,23 +291,26 @@ public:
     void push(const sim::State& state, float dt, const float3& gravity) {
         if (n_ == 0) return;
         // Springs hold their own pressure, which would lag in long steps.
-        const float share = is_solid_ ? kPressureWithin : 0.0f;
-        exec_.for_each(n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), by_pressure_.data(),
-                               1.0f / dt, share, acceleration_.data()});
+        exec_.for_each(
+            n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), by_pressure_.data(),
+                    is_solid_ ? owed_.data() : nullptr, response(), 1.0f / dt, gravity, acceleration_.data()});
         take_substeps(dt, 0, 1, gravity);
         exec_.for_each(n_, tissue::GiveVelocity{state, slot_.data(), at_.data(), velocity_.data(), hold_.data(),
-                               share * dt, 1.0f / dt, rest_.data(), by_pressure_.data()});
+                               response(), dt, 1.0f / dt, rest_.data(), by_pressure_.data()});
     }
     /// After the divergence solve and its friction.
     void take_pressed(const sim::State& state, float dt) {
-        exec_.for_each(n_, tissue::TakePressed{state, slot_.data(), hold_.data(), 1.0f / dt, by_pressure_.data()});
+        exec_.for_each(n_, tissue::TakePressed{state, slot_.data(), hold_.data(), response(), 1.0f / dt,
+                               by_pressure_.data(), is_solid_ ? owed_.data() : nullptr});
     }
     /// After the density solve, before particles move.
     void hold_on(const sim::State& state, float dt) {
         exec_.for_each(n_, tissue::HoldOn{state, slot_.data(), at_.data(), hold_.data(), 1.0f / dt});
     }
     /// After they moved.
-    void add_rest(const sim::State& state) { exec_.for_each(n_, tissue::AddRest{state, slot_.data(), rest_.data()}); }
+    void add_rest(const sim::State& state, const sim::Phase* phases) {
+        exec_.for_each(n_, tissue::AddRest{state, phases, slot_.data(), rest_.data(), response()});
+    }
 
     /// Blood that comes out of cut ends: the device looks for room, while the tree is that of the positions.  After
     /// gather.
@@ -323,14 +331,15 @@ private:
         2.6f;  ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
     static constexpr double kBorne = 1.5, kMostStiffening = 256.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
-    static constexpr float kSubstepsByFluid = 4.0f,
+    static constexpr float kSubstepsByFluid = 8.0f, kSubstepsByFaces = 4.0f,
                            kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
     static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f,
                            kMostJumps =
                                4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
     static constexpr float kSubstepsOfLoad = 64.0f,
-                           kGapOfContact = 0.05f;      ///< spacings
-    static constexpr float kPressureWithin = 0.6f;     ///< share of the last pressure that acts in the substeps
+                           kGapOfContact = 0.05f;  ///< spacings
+    static constexpr float kPressureWithin = 0.6f,
+                           kWetWithin = 1.0f;  ///< share of the last pressure that acts in the substeps; beside a fluid
     static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
@@ -361,6 +370,10 @@ private:
 
     /// The least member of each particle's piece.
     void find_labels(std::uint32_t* label);
+
+    tissue::Response response() const {
+        return {wet_ ? response_.data() : nullptr, is_solid_ ? kPressureWithin : 0.0f, kWetWithin};
+    }
 
     /// Nothing is felt yet; where the substeps of a step add it up.
     tissue::Felt begin_felt(float dt, const float3& gravity);
@@ -442,6 +455,9 @@ private:
     Buffer<Quad, Exec> at_, next_, velocity_;
     Buffer<float3, Exec> acceleration_, pull_, before_, rest_;
     Buffer<float3, Exec> by_pressure_;  ///< acceleration in the last step; within a step, the velocity before pressure
+    Buffer<float, Exec> response_;      ///< of this step
+    Buffer<float3, Exec> owed_, drag_;  ///< of solids: velocity from the last step; acceleration
+    bool wet_ = false;                  ///< response_ and drag_ count
     Buffer<std::uint32_t, Exec> id_, slot_;
     Buffer<std::uint8_t, Exec> hold_, phase_, scarred_, touched_;
     Buffer<std::uint32_t, Exec> first_, other_;

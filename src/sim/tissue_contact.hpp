@@ -48,7 +48,7 @@ template <class Exec> template <class Packet> const float* TissueImpl<Exec>::vet
 
 template <class Exec>
 template <class Packet>
-void TissueImpl<Exec>::find_contacts(const sim::Step<Packet>& step, bool rubs) {
+void TissueImpl<Exec>::find_contacts(const sim::Step<Packet>& step, bool rubs, bool fluids) {
     if (n_ == 0) return;
     Quad* plane = plane_.reserve(n_);
     float* speed = plane_speed_.reserve(n_);
@@ -62,6 +62,11 @@ void TissueImpl<Exec>::find_contacts(const sim::Step<Packet>& step, bool rubs) {
         tissue::FindContacts<Packet>{step, members(), body_.data(), is_solid_ ? rest_at_.data() : nullptr,
             scarred_.data(), spared_.data(), plane, speed, rub, beside});
     walls_ = {plane, speed, rub};
+    wet_ = is_solid_ && fluids;
+    if (!wet_) return;
+    const float ahead = step.dt / contact_;
+    exec_.for_each(n_, tissue::Weigh{step.state, slot_.data(), beside, hold_.data(), velocity_.data(), lame_.data(),
+                           stride(), ahead * ahead, response_.reserve(n_)});
 }
 
 template <class Exec> template <class Packet> void TissueImpl<Exec>::feel_pressure(const sim::Step<Packet>& step) {

@@ -31,6 +31,7 @@ template <class Exec> void TissueImpl<Exec>::add(const TissueArrays& in) {
     const std::vector<float> none(in.n, 0.0f);
     const std::vector<float3> still(in.n, float3{0, 0, 0});
     extend(by_pressure_, old, before, still.data(), in.n, float3{0, 0, 0});
+    extend(owed_, old, before, still.data(), in.n, float3{0, 0, 0});
     extend(volume_, old, before, none.data(), in.n, 0.0f);
     extend(wetness_, old, before, none.data(), in.n, 0.0f);
     const std::vector<std::uint8_t> whole(in.n, 0);
@@ -110,7 +111,8 @@ template <class Exec> void TissueImpl<Exec>::write(const std::string& name, cons
     if (name == "loads") loaded_ = bytes > 0;
     if (name == "hold" || name == "body") bodies_known_ = name == "body" && bytes > 0;
     if (name == "hold") {
-        exec_.clear(by_pressure_.reserve(n_), n_ * sizeof(float3));  // earlier versions did not save it
+        for (auto* b : {&by_pressure_, &owed_})  // earlier versions did not save it
+            exec_.clear(b->reserve(n_), n_ * sizeof(float3));
         grasped_ = 0;
         for (std::size_t t = 0; t < bytes; ++t)
             if (const int g = static_cast<const std::uint8_t*>(in)[t] - tissue::kGrasped;
@@ -159,11 +161,12 @@ template <class Exec> template <class Fn> void TissueImpl<Exec>::each_array(cons
     fn("vessel", vessel_, n_entries_);
     fn("before", before_, n_);
     fn("pressed", by_pressure_, n_);
+    fn("owed", owed_, is_solid_ ? n_ : 0);
     fn("id", id_, n_);
 }
 
 template <class Exec> void TissueImpl<Exec>::make_room() {
-    for (auto* b : {&acceleration_, &rest_}) b->reserve(n_);
+    for (auto* b : {&acceleration_, &rest_, &drag_}) b->reserve(n_);
     next_.reserve(n_);
     slot_.reserve(n_);
     before_.reserve(n_);

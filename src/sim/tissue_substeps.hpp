@@ -56,6 +56,7 @@ template <class Exec> int TissueImpl<Exec>::take_solid_substeps(float whole_dt, 
     }
     const tissue::Felt felt = begin_felt(whole_dt, gravity);
     begin_rub();
+    const tissue::Drag drag{wet_ ? beside_.data() : nullptr, hold_.data(), velocity_.data(), drag_.data()};
     Quad *at = at_.data(), *next = next_.data();
     const int n_parts = asked > 0 ? 1 : std::max(ceil_div(substeps(whole_dt), kSubstepsOfPart), jumps(whole_dt));
     const float part_dt = whole_dt / float(n_parts);
@@ -69,13 +70,15 @@ template <class Exec> int TissueImpl<Exec>::take_solid_substeps(float whole_dt, 
             if (n_terms_ || yielded_) {
                 const tissue::Memory memory{terms_.data(), yielded_ ? stays_.data() : nullptr, phase_.data(),
                     materials_, n_terms_, stride(), n_, dt};
-                exec_.for_each_packet(n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, quiet_.data(), memory});
+                exec_.for_each_packet(
+                    n_, tissue::Strain<tissue::Memory>{bonds(), solid(), at, quiet_.data(), drag, memory});
             } else {
-                exec_.for_each_packet(n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, quiet_.data(), {}});
+                exec_.for_each_packet(
+                    n_, tissue::Strain<tissue::NoMemory>{bonds(), solid(), at, quiet_.data(), drag, {}});
             }
             exec_.for_each_packet(
                 n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(),
-                        phase_.data(), materials_, motions_, shapes_, walls_, felt, dt});
+                        phase_.data(), materials_, motions_, shapes_, walls_, felt, drag, dt});
             rub_cuts(at, next, dt, dt, felt);
             std::swap(at, next);
         }

@@ -75,10 +75,9 @@ def add_words(group: Any) -> None:
 
 def check(options: argparse.Namespace) -> None:
     """Refuse flags of legend and views that contradict others."""
-    legend = options.legend_at or options.legend_title or options.legend_unit
-    if not options.color_by and (options.legend or legend):
-        flag = "--legend" if options.legend else "--legend-at, --legend-title or --legend-unit"
-        raise UserError(f"{flag}: expected --color-by beside a legend, got none")
+    for name in ("legend", "legend_at", "legend_title", "legend_unit"):
+        if getattr(options, name) and not options.color_by:
+            raise UserError(f"--{name.replace('_', '-')}: expected --color-by beside it, got none")
     if options.range and not options.color_by:
         raise UserError("--range: expected --color-by beside it, got none")
     if options.views:

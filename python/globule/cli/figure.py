@@ -46,7 +46,7 @@ from ..render.views import view_cameras
 from . import annotation, flags, light, render, sequence, state, tracing
 from .image import picture
 from .parser import Parser
-from .shared import Progress, UserError, check_device, check_output, count, mistakes, number, print_json, reading
+from .shared import Progress, UserError, check_device, check_output, count, mistakes, number, print_json, reading, say
 
 SUMMARY = "panels over time, legend and scale bar, for a paper"
 USAGE = "FILE [FILE ...] -o figure.pdf"
@@ -58,6 +58,7 @@ ESSENTIAL = ("--output", "--panels", "--frames", "--times", "--figure-width", "-
              "--legend-unit", "--unit", "--eye", "--up", "--views", "--state")  # fmt: skip
 
 MOST = 100  # panels
+PANELS = 3  # where nothing is said
 WIDE = 120.0  # mm, from where on the legend stands at the right
 # Flags of `render` that a figure does not have, with the values that they have without.
 _ABSENT: dict[str, Any] = {
@@ -106,7 +107,7 @@ def add_arguments(parser: Parser) -> None:
     group = parser.add_argument_group("panels")
     which = group.add_mutually_exclusive_group()
     flags.own(which, "--panels N", "number of panels, frames spread evenly from the first to the last",
-        Whole(1, MOST).parse, 3)  # fmt: skip
+        Whole(1, MOST).parse, usual=str(PANELS))  # fmt: skip
     flags.own(which, "--frames N,N…", "numbers of the frames to show, from 0; -1: the last", numbers,
         usual="spread evenly")  # fmt: skip
     flags.own(which, "--times T,T…", "times to show, each by the frame that is nearest, in the unit "
@@ -234,7 +235,10 @@ def _chosen(options: argparse.Namespace, files: list[str], progress: Progress) -
                 raise UserError(f"--frames: expected numbers of {count(n, 'frame')}, {-n} to {n - 1}, got {k}")
         found = [k % n for k in options.frames]
     else:
-        found = sorted({round(k) for k in np.linspace(0, n - 1, min(options.panels, n))})
+        if options.panels is not None and options.panels > n:
+            say(f"note: --panels {options.panels}, of {count(n, 'frame')}: a panel for each")
+        wanted = min(options.panels or PANELS, n)
+        found = sorted({round(k) for k in np.linspace(0, n - 1, wanted)})
     flag = "--times" if options.times is not None else "--frames"
     if len({*found}) < len(found):
         twice = next(k for k in found if found.count(k) > 1)

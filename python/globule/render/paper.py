@@ -171,6 +171,8 @@ def _draw_directions(ax: Any, camera: Camera, size: tuple[int, int], font: float
     """Draw the directions of x, y and z into the lower left corner of axes."""
     _, forward, right, up = camera.frame(size)
     ways = np.stack([right / np.linalg.norm(right), up / np.linalg.norm(up)], axis=1)  # (3, 2)
+    box = ax.get_window_extent()
+    font = min(font, 0.07 * min(box.width, box.height) * 72 / ax.figure.dpi)  # of small panels
     long, start = 1.9 * font, np.full(2, 2.4 * font)  # points
     for axis in np.argsort(-forward, kind="stable"):
         color, place = _AXES[axis], start - 0.7 * font
