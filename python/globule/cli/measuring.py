@@ -43,13 +43,7 @@ from .volumes import check_surface, is_surface, read_surface
 
 def add_surface(parser: Parser) -> None:
     """The flags that say which surface is measured, and where it is computed."""
-    surface = parser.add_argument_group("surface")
-    flags.add(surface, "--kernel", "default: murakami", default="murakami")
-    flags.add(surface, "--support", "default: the file's, else two spacings")
-    flags.add(surface, "--threshold", "default: by kernel")
-    surfaces.add_arguments(surface)
-    flags.own(surface, "--anisotropic", "smooth the particles and stretch their kernels along the "
-        "surface (Yu and Turk 2013)")  # fmt: skip
+    surfaces.add_arguments(parser)
     flags.add_reading(parser)
     flags.add_device(parser.add_argument_group("machine"))
 

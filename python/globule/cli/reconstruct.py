@@ -43,6 +43,7 @@ from .shared import (
     positive,
     print_json,
     read_sweep_file,
+    readable,
     say,
     warn,
 )
@@ -389,13 +390,11 @@ def _stating(progress: Progress) -> Iterator[None]:
 def _fitting(name: str | None = None) -> Iterator[None]:
     """Turn what the library refuses, and a volume larger than the memory, into a UserError; name:
     of the file that says the volume's size."""
-    try:
-        with mistakes():
+    with readable(name or ""):  # the name, or a picture that the configuration names
+        try:
             yield
-    except MemoryError as error:
-        raise UserError(f"{name}: {error}" if name else str(error)) from error
-    except OSError as error:  # a picture that the configuration names
-        raise UserError(f"{error.filename}: cannot be read: {error.strerror}") from error
+        except MemoryError as error:
+            raise UserError(f"{name}: {error}" if name else str(error)) from error
 
 
 def _cross_validate(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> dict[str, Any]:

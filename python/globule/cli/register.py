@@ -12,7 +12,9 @@ in `globule reconstruct`. --sweep-output writes the joined sweep for other metho
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
+from collections.abc import Iterator
 from typing import Any
 
 from ..formats.volumes import WRITABLE, check_name
@@ -94,11 +96,8 @@ def run(options: argparse.Namespace) -> None:
         if options.output:
             progress.step("reconstructing")
             grid: dict[str, Any] = {"size": _SIZE} if options.spacing is None else {"spacing": options.spacing}
-            try:
-                with mistakes():
-                    volume = reconstruct(joined, device=options.device, threads=options.threads, **grid)
-            except MemoryError as error:
-                raise UserError(str(error)) from error
+            with mistakes("", MemoryError):
+                volume = reconstruct(joined, device=options.device, threads=options.threads, **grid)
             with mistakes():
                 write_volume(options.output, volume)
         if options.sweep_output:
@@ -132,21 +131,16 @@ def run(options: argparse.Namespace) -> None:
         print(f"{options.output}: {size} voxels of {edge:.4g} mm, {count(joined.n_valid, 'frame')}")
 
 
-class _naming:
+@contextlib.contextmanager
+def _naming(names: list[str]) -> Iterator[None]:
     """Messages about `sweeps[i]` name the file."""
-
-    def __init__(self, names: list[str]):
-        self.names = names
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        if isinstance(error, UserError):
-            text = str(error)
-            for i, name in enumerate(self.names):
-                text = text.replace(f"sweeps[{i}]", name)
-            raise UserError(text) from error
+    try:
+        yield
+    except UserError as error:
+        text = str(error)
+        for i, name in enumerate(names):
+            text = text.replace(f"sweeps[{i}]", name)
+        raise UserError(text) from error
 
 
 def _check(options: argparse.Namespace) -> None:
