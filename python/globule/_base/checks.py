@@ -96,6 +96,22 @@ def three(name: str, value: Any, least: float = -math.inf) -> list[float]:
     return values
 
 
+def array_of_numbers(value: Any, dtype: Any = np.float64) -> np.ndarray:
+    """An array of numbers; of what is none, an empty one, which has no expected shape."""
+    try:
+        return np.asarray(value, dtype)
+    except (TypeError, ValueError, OverflowError):
+        return np.empty(0, dtype)
+
+
+def numeric(name: str, value: Any, expected: str = "numbers") -> np.ndarray:
+    """An array of float64, of any shape; anything else is a TypeError."""
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise TypeError(f"{name}: expected {expected}, got {shown(value)}") from None
+
+
 def unit(name: str, value: Any) -> list[float]:
     """A direction, made of unit length."""
     v = np.asarray(three(name, value), np.float64)

@@ -38,9 +38,10 @@ class UserError(Exception):
 def mistakes(path: str = "", *others: type[Exception]) -> Iterator[None]:
     """Turn what the library refuses in this block into a UserError, which names the file. others:
     further errors that are the user's here."""
+    refused: tuple[type[Exception], ...] = (TypeError, ValueError, MissingPackageError, *others)
     try:
         yield
-    except (TypeError, ValueError, MissingPackageError, *others) as error:
+    except refused as error:
         raise UserError(f"{path}: {error}" if path else str(error)) from error
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from .asciinum import parse_rows, text_lines
+from .asciinum import is_number, parse_rows, text_lines
 from .contents import Box, Contents
 from .elements import of_elements, type_names
 from .errors import FormatError, bad, require_different, shown
@@ -411,7 +411,7 @@ def _likeness(names: list[str], rows: list[list[str]], head: dict, box: Box | No
     n_types = head.get("types", [""])[0]
     for name in _WHOLE & columns.keys():
         whole = all(re.fullmatch(r"[+-]?\d+", word) for word in columns[name])
-        if not whole and not (name == "type" and not any(map(_is_number, columns[name]))):
+        if not whole and not (name == "type" and not any(map(is_number, columns[name]))):
             return -1.0
     types = [word for word in columns["type"] if word.isdigit()]
     if n_types.isdigit() and not all(1 <= int(word) <= int(n_types) for word in types):
@@ -438,7 +438,7 @@ def _columns(path: Any, names: list[str], rows: list[str], first: int) -> dict[s
         return {name: np.empty(0) for name in names}
     if len(words) != len(names):
         raise bad(path, f"line {first}", f"expected {len(names)} columns, got {len(words)}")
-    numeric = [i for i, word in enumerate(words) if _is_number(word)]
+    numeric = [i for i, word in enumerate(words) if is_number(word)]
     again = [i for i, name in enumerate(names) if name in names[:i]]  # LIGGGHTS' own dumps: id type type x y z
     if not numeric:
         raise bad(path, f"line {first}", f"expected columns of numbers, got {shown(rows[0])}")
@@ -454,14 +454,6 @@ def _columns(path: Any, names: list[str], rows: list[str], first: int) -> dict[s
         for k, i in enumerate(numeric)
         if i not in again
     }
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _contents(

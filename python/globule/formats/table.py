@@ -29,7 +29,7 @@ import numpy as np
 
 from .._base.files import atomic_write
 from ..data.particles import Particles
-from .asciinum import decoded, format_rows, lines_of, parse_plain, parse_rows, parse_words, text_data
+from .asciinum import decoded, format_rows, is_number, lines_of, parse_plain, parse_rows, parse_words, text_data
 from .contents import Contents
 from .elements import of_elements, type_names
 from .errors import FormatError, bad, names_of, shown
@@ -174,14 +174,14 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     start = _titles(lines, start)
     separator = separator_of(lines[start])
     names, head, unnamed = _csv_words(path, lines[start], start, separator), start, False
-    if all(_is_number(name) or has_comma(name) for name in names):
+    if all(is_number(name) or has_comma(name) for name in names):
         comments = [i for i, line in enumerate(lines[:start]) if line.strip()]
         said: list[str] = []
         if comments:
             head = comments[-1]
             text = lines[head].strip().lstrip("#%/ ")
             said = _said_names(path, text, head, separator, len(names))
-        words_only = said and not any(map(_is_number, said))
+        words_only = said and not any(map(is_number, said))
         names = said if words_only else _default_names(len(names))
         unnamed = not words_only
     else:
@@ -223,7 +223,7 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     if cells and first is not None and named is None:
         _no_thousands(path, some, first + 1, separator)
     if comma := next(filter(has_comma, cells), ""):
-        if point := next((word for word in cells if "." in word and _is_number(word)), ""):
+        if point := next((word for word in cells if "." in word and is_number(word)), ""):
             problem = f"expected one decimal mark in all numbers, got {shown(comma)} and {shown(point)}"
             raise bad(path, f"line {start + 1}", problem)
         rows = [_with_points(row, separator) for row in rows]
@@ -252,7 +252,7 @@ def _said_names(path: Any, text: str, i: int, separator: str | None, n: int) -> 
 def _units_below(path: Any, names: list[str], words: list[str]) -> list[str]:
     """Names with the units that the row below them has for each place, as loggers write them; the
     names as they are without such a row."""
-    if any(map(_is_number, words)) or len(words) != len(names):
+    if any(map(is_number, words)) or len(words) != len(names):
         return names
     axes = place_names(names)
     places = [word.strip("[]()") for name, word in zip(names, words, strict=True) if axes.get(name, name) in ("x", "y")]
@@ -268,7 +268,7 @@ def _titles(lines: list[str], start: int) -> int:
     them; `start` where there is none."""
     for i in range(start, min(start + _MOST_TITLES, len(lines) - 1)):
         words = [word.strip('" ') for word in lines[i].split(separator_of(lines[i]))]
-        if all(map(_is_number, words)):
+        if all(map(is_number, words)):
             break
         if place_names(split_units(words)[0]):
             return i
@@ -407,7 +407,7 @@ def _is_points(lines: list[str], count: int) -> bool:
     """Whether the rows follow the count at once, as in .pts files of scanners."""
     row = lines[1].split() if len(lines) > 1 else []
     whole = sum(bool(line.strip()) for line in lines[1:]) == count
-    return whole and len(row) in _POINTS and all(map(_is_number, row))
+    return whole and len(row) in _POINTS and all(map(is_number, row))
 
 
 def _first_words(rows: list[str], words: list[str], count: int | None) -> list[str]:
@@ -417,12 +417,12 @@ def _first_words(rows: list[str], words: list[str], count: int | None) -> list[s
     """
     if len(words) < 4:
         return []
-    if _is_number(words[0]):
+    if is_number(words[0]):
         points = all("." in word or "e" in word.lower() for word in words[1:4])
         if count is None or len(words) != 4 or not (words[0].isdigit() and points):
             return []
     found = [row.split(None, 1)[0] for row in rows if row.strip() and row.lstrip()[0] != "#"]
-    numbers = _is_number(words[0])
+    numbers = is_number(words[0])
     return found if all(word.isdigit() for word in set(found)) == numbers else []
 
 
@@ -445,7 +445,7 @@ def _assemble(
     numeric = [
         i
         for i, word in enumerate(words)
-        if (_is_number(word) or names[i].lower() in ("x", "y", "z", "-z"))  # there, a word is a mistake
+        if (is_number(word) or names[i].lower() in ("x", "y", "z", "-z"))  # there, a word is a mistake
         and (names[i] or not any(names))
     ]
     found = names_of(names)
@@ -552,11 +552,3 @@ def _is_whole(word: str) -> bool:
 
 def _default_names(n: int) -> list[str]:
     return ["x", "y", "z", *(f"column{i}" for i in range(4, n + 1))][:n]
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

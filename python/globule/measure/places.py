@@ -65,10 +65,7 @@ class SamplePlane(Fixed):
     def _check(self) -> None:
         unit("normal", self.normal)
         number("offset", self.offset)
-        if self.spacing is not None:
-            positive("spacing", self.spacing)
-        if self.box is not None:
-            box_of_corners(self.box)
+        _check_extent(self)
 
     def lattice(self, scene: Scene) -> Lattice:
         """The places, for this scene."""
@@ -128,10 +125,7 @@ class SampleGrid(Fixed):
     box: Any = None
 
     def _check(self) -> None:
-        if self.spacing is not None:
-            positive("spacing", self.spacing)
-        if self.box is not None:
-            box_of_corners(self.box)
+        _check_extent(self)
 
     def lattice(self, scene: Scene) -> Lattice:
         """The places, for this scene."""
@@ -141,6 +135,13 @@ class SampleGrid(Fixed):
         steps = spacing * np.eye(3)[::-1]
         coords = tuple(lo[2 - i] + spacing * np.arange(shape[i]) for i in range(3))
         return Lattice(lo, steps, tuple(shape), ("z", "y", "x"), coords)
+
+
+def _check_extent(places: SamplePlane | SampleGrid) -> None:
+    if places.spacing is not None:
+        positive("spacing", places.spacing)
+    if places.box is not None:
+        box_of_corners(places.box)
 
 
 def plane_axes(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

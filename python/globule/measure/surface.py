@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import to_host
-from .._base.checks import shown
+from .._base.checks import array_of_numbers, shown
 from ..data.particles import Particles
 from ..pieces.scene import Scene
 from ..pieces.shown import shown_scene
@@ -86,10 +86,7 @@ def default_spacing(scene: Scene) -> float:
 
 def box_of_corners(box: Any) -> tuple[np.ndarray, np.ndarray]:
     """Two finite corners (3,), the first one lower or equal along every axis."""
-    try:
-        corners = np.asarray(box, np.float64)
-    except (TypeError, ValueError):
-        corners = np.empty(0)
+    corners = array_of_numbers(box)
     good = corners.shape == (2, 3) and np.isfinite(corners).all()
     if not good or (corners[0] > corners[1]).any():
         expected = "two finite corners ((x, y, z), (x, y, z))"

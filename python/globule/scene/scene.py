@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import threading
 import warnings
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .. import _core
-from .._base.arrays import ABSENT, HOST, View, address, on_gpu, to_host, unit_vectors, view
-from .._base.checks import choice, positive, shown, thread_count, whole
+from .._base.arrays import ABSENT, HOST, View, address, on_gpu, rays, to_host, view
+from .._base.checks import array_of_numbers, choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.owner import Owner
 from ..data.attributes import color_by
@@ -145,13 +146,9 @@ class SceneBase(Owner):
 
         Raises TypeError and ValueError naming the field, the expected and the given value.
         """
+        check_update(particles, fields)
         if particles is None:
-            unknown = fields.keys() - set(FIELDS)
-            if unknown:
-                raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}")
             found = self.particles._with(fields, self._known)
-        elif fields:
-            raise TypeError("update: expected particles or fields, got both")
         else:
             found = as_particles("particles", particles)
             if isinstance(particles, (Particles, str, os.PathLike)):
@@ -417,10 +414,7 @@ class SceneBase(Owner):
         Returns:
             distance (M,) along the ray, normal (M, 3), color (M, 3).
         """
-        o, d = view("origins", origins, 3), view("directions", directions, 3)
-        if o.shape != d.shape:
-            raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
-        d = unit_vectors(d)
+        o, d = rays(origins, directions)
         n = o.shape[0]
         distance = np.empty(n, np.float32)
         normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
@@ -463,13 +457,9 @@ class SceneBase(Owner):
             (M,) or (M, K) float32; NaN where no particle reaches.
         """
         p = view("points", points, 3)
-        shape = np.shape(values)
-        flat = len(shape) == 1
-        v = view("values", values, None if flat else shape[-1] if shape else 1)
-        channels = 1 if flat else v.shape[1]
-        out = np.empty((p.shape[0], channels), np.float32)
-        self._scene.blend(self._kernel, p.shape[0], p.place, v.place, v.shape[0], channels, address(out))
-        return out[:, 0] if flat else out
+        v, out, given_back = _of_particles(values, p.shape[0])
+        self._scene.blend(self._kernel, p.shape[0], p.place, v.place, v.shape[0], out.shape[1], address(out))
+        return given_back
 
     def integrate(self, origins: ArrayLike, directions: ArrayLike, values: ArrayLike) -> np.ndarray:
         """Integrals along rays: the sum over the particles of value * the integral of b(r) from
@@ -485,17 +475,12 @@ class SceneBase(Owner):
         Returns:
             (M,) or (M, K) float32, the values' unit times the world's unit of length.
         """
-        o, d = view("origins", origins, 3), view("directions", directions, 3)
-        if o.shape != d.shape:
-            raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
-        d = unit_vectors(d)
-        shape = np.shape(values)
-        flat = len(shape) == 1
-        v = view("values", values, None if flat else shape[-1] if shape else 1)
-        channels = 1 if flat else v.shape[1]
-        out = np.empty((o.shape[0], channels), np.float32)
-        self._scene.integrate(self._kernel, o.shape[0], o.place, d.place, v.place, v.shape[0], channels, address(out))
-        return out[:, 0] if flat else out
+        o, d = rays(origins, directions)
+        v, out, given_back = _of_particles(values, o.shape[0])
+        self._scene.integrate(
+            self._kernel, o.shape[0], o.place, d.place, v.place, v.shape[0], out.shape[1], address(out)
+        )
+        return given_back
 
     def __len__(self) -> int:
         return len(self.particles)
@@ -513,6 +498,14 @@ def threshold_of(surface: str, kernel: str) -> float:
     """The default iso-value."""
     own = {"smooth": SMOOTH_THRESHOLD, "spheres": SPHERE_THRESHOLD}
     return own.get(surface, DEFAULTS[kernel][1])
+
+
+def check_update(particles: Any, fields: Iterable[str]) -> None:
+    """Raise TypeError for arguments of `update` that are not particles, or known fields, alone."""
+    if particles is not None and fields:
+        raise TypeError("update: expected particles or fields, got both")
+    if unknown := set(fields) - set(FIELDS):
+        raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}")
 
 
 def check_choices(kernel: str, surface: str, octree: str, key_bits: int) -> None:
@@ -536,6 +529,16 @@ def _field(name: str, value: Any, columns: int | None, n: int) -> tuple[View, An
     return v, None
 
 
+def _of_particles(values: Any, n: int) -> tuple[View, np.ndarray, np.ndarray]:
+    """Values (N,) or (N, K) of particles; where n rows of them are written, and how these are given
+    back."""
+    shape = np.shape(values)
+    flat = len(shape) == 1
+    v = view("values", values, None if flat else shape[-1] if shape else 1)
+    out = np.empty((n, 1 if flat else v.shape[1]), np.float32)
+    return v, out, out[:, 0] if flat else out
+
+
 def _check_supports(support: np.ndarray) -> None:
     """Rays are walked in steps of the supports nearby, so those must be of comparable size."""
     largest = float(np.max(support, initial=0.0))
@@ -549,10 +552,7 @@ def _check_supports(support: np.ndarray) -> None:
 def _space(bounds: Any) -> list[float]:
     if bounds is None:
         return []
-    try:
-        box = np.asarray(bounds, dtype=np.float32)
-    except (TypeError, ValueError):
-        box = np.empty(0, np.float32)
+    box = array_of_numbers(bounds, np.float32)
     if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
         raise ValueError(f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {shown(bounds)}")
     return [float(x) for x in box.ravel()]

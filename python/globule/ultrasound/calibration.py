@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._base.checks import number
+from .._base.checks import number, numeric
 from .._base.files import atomic_write
 from .._base.structured import parse_toml, read_text
 from ..formats.errors import bad
@@ -392,11 +392,7 @@ def turn_by(vector: np.ndarray) -> np.ndarray:
 
 
 def _observations(pixels: Any, world_from_probe: Any) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        pixels = np.asarray(pixels, np.float64)
-        poses = np.asarray(world_from_probe, np.float64)
-    except (TypeError, ValueError):
-        raise TypeError("pixels, world_from_probe: expected arrays of numbers") from None
+    pixels, poses = numeric("pixels", pixels), numeric("world_from_probe", world_from_probe)
     if pixels.ndim != 2 or pixels.shape[1] != 2 or len(pixels) < 6:
         raise ValueError(f"pixels: expected shape (N, 2), N >= 6, got {pixels.shape}")
     if poses.shape != (len(pixels), 4, 4):

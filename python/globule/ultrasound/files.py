@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.checks import a_path, number
+from .._base.checks import a_path, number, numeric
 from ..formats.errors import FormatError, bad
 from ..formats.kind import Kind, kind_of, kind_or_none, wrong_kind
 from ..formats.packed import opens_packed
@@ -215,10 +215,7 @@ def _is_hdf5(path: Any) -> bool:
 
 def checked_frame_times(value: Any, n: int) -> np.ndarray:
     """Times (F,) of n frames, s, float64. Raises ValueError."""
-    try:
-        times = np.asarray(value, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise TypeError(f"frame_times: expected numbers, got {value!r}") from None
+    times = numeric("frame_times", value)
     if times.ndim == 0 and np.isfinite(times) and times > 0:
         return np.arange(n) / float(times)
     if times.shape != (n,) or not np.isfinite(times).all():

@@ -14,8 +14,9 @@ import numpy as np
 
 from ..formats.errors import bad, shown
 from ..formats.size import whole_text
-from ..formats.sweeps.poses import csv_rows, interpolate, number_of, read_poses
+from ..formats.sweeps.poses import csv_rows, interpolate, read_poses
 from ..formats.sweeps.stack import check_numbers
+from ..formats.sweeps.tracker_tables import number_of
 from ..formats.sweeps.transforms import WORLDS, chain, find_path
 from .files import checked_frame_times, recording_of
 from .plausible import check_seconds

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.files import atomic_write
+from ..formats.asciinum import numbers_of_words
 from ..formats.errors import bad, shown
 from ..formats.sweeps.transforms import Edges, Transform, format_matrix, parse_matrix
 from ..formats.xml import parse_xml
@@ -135,10 +136,7 @@ def _numbers(path: Any, element: Any, name: str, n: int) -> list[float] | None:
     text = element.get(name)
     if text is None:
         return None
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        values = []
+    values = numbers_of_words(text.split()).tolist()
     if len(values) != n:
         raise bad(path, f"line {element.line}, {name}", f"expected {n} numbers, got {shown(text)}")
     return values

@@ -17,6 +17,7 @@ import numpy as np
 
 from .._base.files import atomic_write
 from .._base.structured import parse_toml
+from ..formats.asciinum import numbers_of_words
 from ..formats.errors import bad, shown
 from ..formats.sweeps.transforms import parse_matrix
 from ..formats.xml import parse_xml
@@ -254,10 +255,7 @@ def _checked(path: Any, *values: Any) -> NWirePhantom:
 
 def _point(path: Any, element: Any, name: str) -> list[float]:
     text = element.get(name) or ""
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        values = []
+    values = numbers_of_words(text.split()).tolist()
     if len(values) != 3 or not np.isfinite(values).all():
         raise bad(path, f"line {element.line}, {name}", f"expected 3 numbers, got {shown(text)}")
     return values

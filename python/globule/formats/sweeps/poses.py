@@ -207,24 +207,14 @@ def csv_rows(path: Any, text: str) -> list[_Row]:
         where = f"row {number}"
         if len(line) != len(names):
             raise bad(path, where, f"expected {len(names)} values, got {len(line)}")
-        values = np.array([number_of(path, where, line[column]) for column in columns])
+        values = np.array([tracker_tables.number_of(path, where, line[column]) for column in columns])
         matrix = _matrix(path, where, values)
         time = None
         if clock is not None and time_column is not None:
-            time = number_of(path, where, line[time_column]) * clocks[clock]
+            time = tracker_tables.number_of(path, where, line[time_column]) * clocks[clock]
         status = status_column is None or line[status_column].strip().upper() in ("OK", "1", "TRUE")
         rows.append((where, time, matrix, status))
     return rows
-
-
-def number_of(path: Any, where: str, text: str) -> float:
-    """The number of a cell; NaN for an empty one. Raises FormatError that names file and place."""
-    if not text.strip():
-        return math.nan
-    try:
-        return float(text)
-    except ValueError:
-        raise bad(path, where, f"expected a number, got {shown(text)}") from None
 
 
 def _json_rows(path: Any) -> list[_Row]:

@@ -13,6 +13,7 @@ from typing import IO, Any
 import numpy as np
 
 from ..._base.files import atomic_write
+from ..asciinum import numbers_of_words
 from ..errors import bad, shown
 from .raw import LONGEST_HEADER, LONGEST_LINE, Progress, RawImage, beside, deflated, numbers_of
 
@@ -87,10 +88,7 @@ def numbers(path: Any, fields: dict[str, str], name: str, n: int, default: list[
     text = fields.get(name)
     if text is None:
         return np.array(default, np.float64)
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.empty(0)
+    values = numbers_of_words(text.split())
     if len(values) != n or not np.isfinite(values).all():
         raise bad(path, name, f"expected {n} numbers, got {shown(text)}")
     return values

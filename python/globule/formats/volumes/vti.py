@@ -13,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ..._base.files import atomic_write
+from ..asciinum import numbers_of_words
 from ..errors import bad, shown
 from ..size import whole_file
 from ..vtk_xml import TYPES, VtkXml
@@ -109,10 +110,7 @@ def _space(image: Any) -> str:
 
 def _numbers(path: Any, element: Any, name: str, default: str, n: int) -> np.ndarray:
     text = element.get(name, default)
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.empty(0)
+    values = numbers_of_words(text.split())
     if len(values) != n or not np.isfinite(values).all():
         where = f"line {element.line}"
         raise bad(path, where, f"expected {name} of {n} numbers, got {shown(text)}")
