@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import inspect
 import math
 import operator
@@ -166,6 +167,14 @@ def image_size(value: Any) -> tuple[int, int]:
     return width, height
 
 
+def as_image(value: Any) -> np.ndarray:
+    """An image of 8 bits, perhaps with alpha."""
+    image = np.asarray(value)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
+        raise ValueError(f"image: expected (H, W, 3) or (H, W, 4) uint8, got {image.dtype} {image.shape}")
+    return image
+
+
 def positive(name: str, value: Any) -> float:
     """A finite number above 0."""
     try:
@@ -207,6 +216,15 @@ def how_to_install(extra: str) -> str:
 
 class MissingPackageError(ImportError):
     """An optional package is not installed; the message gives the pip command that adds it."""
+
+
+def optional(module: str, extra: str, package: str = "") -> Any:
+    """A module of an optional package. Raises MissingPackageError; arguments as of `missing`, the
+    package's name being the module's unless it is given."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise missing(package or module, extra) from None
 
 
 def missing(package: str, extra: str) -> MissingPackageError:

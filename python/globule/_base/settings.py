@@ -7,12 +7,13 @@ property of a JSON Schema.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import inspect
 import math
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, dataclass, replace
 from typing import Any, ClassVar, TypeVar
 
@@ -414,18 +415,25 @@ def settings_of(table: Any) -> dict[str, Setting]:
     return found
 
 
+@contextlib.contextmanager
+def at(*path: str | int) -> Iterator[None]:
+    """Errors in this block begin with the path."""
+    try:
+        yield
+    except Problem as problem:
+        raise type(problem)((*path, *problem.path), problem.message) from None
+    except ValueError as error:
+        raise Problem(path, str(error)) from None
+
+
 def checked(kind: Any, value: Any, path: Path = ()) -> Any:
     """What a kind makes of a value; NumPy's numbers and arrays count as numbers and lists. Its
     errors begin with the path."""
     if isinstance(kind, type):
         return read_table(kind, value, path)
     value = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
-    try:
+    with at(*path):
         return kind(value)
-    except Problem as problem:
-        raise type(problem)((*path, *problem.path), problem.message) from None
-    except ValueError as error:
-        raise Problem(path, str(error)) from None
 
 
 def check_all(table: Any) -> dict[str, Any]:
@@ -468,12 +476,8 @@ def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
     for name, one in known.items():
         if name not in value and one.required:
             raise Problem(path, f"expected the key {name}, got none")
-    try:
+    with at(*path):
         return kind(**value)
-    except Problem as problem:
-        raise type(problem)((*path, *problem.path), problem.message) from None
-    except ValueError as error:
-        raise Problem(path, str(error)) from None
 
 
 # What is made of them

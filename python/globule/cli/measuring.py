@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.checks import missing
+from .._base.checks import optional
 from ..data.particles import Particles
 from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
@@ -222,11 +222,8 @@ def numbered(
 
 def need_matplotlib() -> None:
     """Refuse to plot without matplotlib, before any work."""
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError:
-        with mistakes():
-            raise missing("matplotlib", "figures") from None
+    with mistakes():
+        optional("matplotlib.figure", "figures", "matplotlib")
 
 
 def plot(options: argparse.Namespace, table: dict[str, Any], names: Sequence[str], ylabel: str) -> None:

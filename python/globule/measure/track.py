@@ -56,14 +56,14 @@ def track_surface(
         lead = functools.partial(measured_particles, "frames", frames[at])
     scenes = KeptScene(lead, grows=not isinstance(frames, Sequence))
     rows = []
+
+    def made(scene: Any) -> None:
+        nonlocal spacing
+        if spacing is None and scene.octree.n_inside:
+            spacing = default_spacing(scene)
+
     for number, frame in enumerate(frames):
         particles = measured_particles("frames", frame)
-
-        def made(scene: Any) -> None:
-            nonlocal spacing
-            if spacing is None and scene.octree.n_inside:
-                spacing = default_spacing(scene)
-
         scene = scenes.show(particles, lambda p: surface_scene(p, device=device, threads=threads), made)
         rows.append({"frame": number} | facts(scene, spacing))
         if progress and total:

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.checks import missing
+from .._base.checks import optional
 from .._base.interrupts import Later
 from ..formats.sweeps.transforms import WORLDS, Edges, Transform, find_path, split_name
 from .matching import MOST_GAP, Matcher, Order
@@ -268,11 +268,7 @@ def parse_address(address: str) -> tuple[str, int]:
 
 def need_pyigtl() -> Any:
     """pyigtl's base class of messages. Raises MissingPackageError."""
-    try:
-        from pyigtl.messages import MessageBase
-    except ImportError as error:
-        raise missing("pyigtl", "live") from error
-    return MessageBase
+    return optional("pyigtl.messages", "live", "pyigtl").MessageBase
 
 
 def receive(

@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .._base.checks import missing
+from .._base.checks import optional
 from ..formats.sweeps import messages
 from ..volumes.iso_surface import default_level
 from ..volumes.slices import reslice
@@ -153,10 +153,7 @@ def surface(volume: Volume, level: float | None = None) -> tuple[np.ndarray, np.
 
     Raises MissingPackageError without scikit-image.
     """
-    try:
-        from skimage.measure import marching_cubes
-    except ImportError:
-        raise missing("scikit-image", "measure") from None
+    marching_cubes = optional("skimage.measure", "measure", "scikit-image").marching_cubes
     values, known = volume.values.astype(np.float32), volume.radius != FAR
     step = np.ones(3)
     while max(values.shape) > _COARSE:

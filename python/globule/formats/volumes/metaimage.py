@@ -15,7 +15,7 @@ import numpy as np
 from ..._base.files import atomic_write
 from ..asciinum import numbers_of_words
 from ..errors import bad, shown
-from .raw import LONGEST_HEADER, LONGEST_LINE, Progress, RawImage, beside, deflated, numbers_of
+from .raw import LONGEST_HEADER, LONGEST_LINE, Progress, RawImage, beside, code_of, deflated, n_of_empty, numbers_of
 
 _TYPES = {
     "MET_UCHAR": "u1", "MET_CHAR": "i1", "MET_USHORT": "u2", "MET_SHORT": "i2",
@@ -32,9 +32,8 @@ def read(path: str | os.PathLike[str], progress: Progress = None, empty: bool = 
     """
     with open(path, "rb") as file:
         fields = _header(path, file)
-        sizes = fields.get("DimSize", "").split()
-        if empty and len(sizes) == 3 and sizes[:2] == ["0", "0"] and sizes[2].isdecimal() and len(sizes[2]) < 8:
-            return RawImage(np.zeros((int(sizes[2]), 0, 0), np.uint8), fields)
+        if empty and (n := n_of_empty(fields.get("DimSize", ""))) is not None:
+            return RawImage(np.zeros((n, 0, 0), np.uint8), fields)
         shape, dtype = _layout(path, fields)
         name = fields.get("ElementDataFile", "")
         if name.upper() == "LOCAL":
@@ -56,9 +55,7 @@ def write(
     Raises ValueError for a type that the format does not have.
     """
     dtype = np.dtype(array.dtype)
-    code = f"{dtype.kind}{dtype.itemsize}"
-    if code not in _NAMES:
-        raise ValueError(f"values: expected a type that .mha can hold, got {dtype}")
+    code = code_of(dtype, _NAMES, ".mha")
     data = np.ascontiguousarray(array, dtype.newbyteorder("<"))
     packed = b"".join(deflated(data, zlib.MAX_WBITS, progress)) if compressed else data
     fixed = {
