@@ -115,7 +115,8 @@ def python_pages() -> dict[str, str]:
         listed = ", ".join(f"{{py:obj}}`{n} <{FULL.get(n, f'globule.{n}')}>`" for n in names)
         rows.append(f"| [{title}]({file}.md) | {listed} |")
     files = [file for file, _, _ in AREAS.values()]
-    about = "All names of `import globule as gb` and of its spaces."
+    mistakes = (gb.__doc__ or "").partition("\n\n")[2]
+    about = f"All names of `import globule as gb` and of its spaces. {mistakes}"
     pages["reference/python/index.md"] = _index("Python", about, "area | names", rows, files)
     return pages
 

@@ -1,4 +1,7 @@
-"""Mesh-free visualization: particles in, smooth exact surfaces out."""
+"""Mesh-free visualization: particles in, smooth exact surfaces out.
+
+A wrong argument or field is a TypeError or ValueError that names it, what was expected and what was
+given."""
 
 from ._base.starting import quiet_interrupts
 

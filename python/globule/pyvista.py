@@ -53,7 +53,6 @@ def add_particles(
 
     Raises:
         MissingPackageError: VTK is not installed.
-        TypeError, ValueError: naming the argument, the expected and the given value.
     """
     optional("vtkmodules.vtkRenderingOpenGL2", "pyvista", "vtk")  # which draws what is made here
     renderer = getattr(plotter, "renderer", plotter)

@@ -21,7 +21,7 @@ from .asciinum import parse_numbers
 from .cell_data import at_points, point_arrays
 from .cells import Cells
 from .contents import Contents
-from .errors import FormatError, bad, shown
+from .errors import FormatError, bad, faults, shown
 from .fields import particles_from, per_particle
 from .guarded import need
 from .size import check_memory, check_size, whole_file
@@ -202,11 +202,9 @@ class VtkXml:
             arrays = self.piece(element)
             points = arrays["", 3]
             of_cells = self.cell_arrays(element)
-            try:
+            with faults(self.path, "cells"):
                 own = self.cells(element)
                 faces = cells.triangles(points, own, named(arrays), of_cells)
-            except ValueError as error:
-                raise self.of_cells(error) from None
             pieces.append(_keyed(at_points(len(points), own, of_cells) | named(arrays)) | {("", 3): points})
             found.append(faces + first)
             first += len(points)
@@ -226,19 +224,13 @@ class VtkXml:
         """As `piece`, without ghosts, and with the data of vertex cells."""
         arrays = self.piece(element)
         points = arrays.pop(("", 3))
-        try:
+        with faults(self.path, "cells"):
             found, kept = point_arrays(
                 len(points), named(arrays), self.cell_arrays(element), self.n_cells(element),
                 lambda: self.cells(element),
             )  # fmt: skip
-        except ValueError as error:
-            raise self.of_cells(error) from None
         keyed = _keyed(found) | {("", 3): points}
         return keyed if kept is None else {key: a[kept] for key, a in keyed.items()}
-
-    def of_cells(self, error: ValueError) -> FormatError:
-        """A mistake in the cells; one of an array names it already."""
-        return error if isinstance(error, FormatError) else bad(self.path, "cells", str(error))
 
     def n_cells(self, element: Any) -> int:
         """How many cells a piece has."""

@@ -35,8 +35,6 @@ def gauge(
     Returns:
         (M,) float64, or a float for one gauge: world units along `up`, from the particles' origin;
         NaN where the ray meets no surface.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     places = _places(at)
     scene, axis, sign = _upright(scene, up, device=device, threads=threads)
@@ -62,8 +60,6 @@ def map_heights(
         `Samples` of a plane with the value "height": (V, U) float32, world units along `up`; NaN
         where there is no surface. The points are those of the surface, with the lowest height of
         the map where there is none.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     scene, axis, sign = _upright(scene, up, device=device, threads=threads)
     lattice = SamplePlane(np.eye(3)[axis], 0.0, spacing, box).lattice(scene)

@@ -73,8 +73,6 @@ def project(
         the world's unit of length. For a Camera the points lie in the plane through its `look_at`,
         and v runs down the image. The error of a pixel is that of float32, about 1e-6 of the
         value.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not (names := different_names(values)):
         raise ValueError("values: expected at least one name, got none")

@@ -44,8 +44,6 @@ def sample(
 
     Returns:
         `Samples`; float32, "inside" bool. Blended values are NaN where no particle reaches.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     scene = surface_scene(scene, device=device, threads=threads)
     names = names_of(scene, values)

@@ -30,8 +30,6 @@ def surface_scene(source: Any, **options: Any) -> Scene:
     Args:
         source: a Scene, or what `Scene` takes as particles.
         options: keyword arguments of `Scene`, for particles only.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(source, Scene):
         return shown_scene(measured_particles("particles", source), **options)
@@ -39,10 +37,7 @@ def surface_scene(source: Any, **options: Any) -> Scene:
 
 
 def measured_particles(name: str, source: Any) -> Particles:
-    """Particles, as `as_particles` makes them, but not of the vertices of a mesh's file.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
-    """
+    """Particles, as `as_particles` makes them, but not of the vertices of a mesh's file."""
     if isinstance(source, str | os.PathLike):
         from ..formats.triangles import part_has_faces  # formats are loaded when they are needed
 

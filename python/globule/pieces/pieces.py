@@ -79,7 +79,6 @@ class Pieces(Owner):
             scene; of more than a million particles where they are densest.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
         MemoryError: the memory does not suffice for a piece.
         MissingPackageError: `comm` without mpi4py.

@@ -77,7 +77,6 @@ class Scene(SceneBase):
             In pieces, rays that turn go from rank to rank.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
         RuntimeError: the device cannot be used.
     """

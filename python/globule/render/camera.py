@@ -46,8 +46,6 @@ class Camera(Fixed):
         fov: vertical field of view, degrees, above 0 and below 180.
         height: world units from the bottom to the top of the image; makes the camera
             orthographic, and `fov` is then not used.
-
-    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     eye: VectorLike

@@ -54,8 +54,6 @@ def add_legend(
 
     Returns:
         (H, W, 3) or (H, W, 4) uint8, a new array.
-
-    Raises ValueError naming the argument, the expected and the given value.
     """
     size = np.shape(image)[1::-1]
     strip = strip_width(size, scale) if len(size) == 2 else 0

@@ -76,7 +76,6 @@ def imshow(ax: Any, frame: Frame, *, unit: str = "", scale_bar: bool = False, di
         bar.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         MissingPackageError: matplotlib is not installed.
     """
     need_matplotlib()

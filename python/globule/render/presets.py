@@ -42,8 +42,6 @@ def load_preset(name: str, scene: Scene | Mesh, up: VectorLike | None = None) ->
 
     Returns:
         `RenderSettings`.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(scene, (Scene, Mesh)):
         raise TypeError(f"scene: expected a Scene or a Mesh, got {type(scene).__name__}; make one: globule.Scene(...)")

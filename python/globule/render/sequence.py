@@ -500,7 +500,6 @@ def render_sequence(
         The files: images, or the one movie.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         MissingPackageError: a movie without PyAV.
         FormatError, OSError: a file cannot be read; finished images stay.
     """

@@ -71,7 +71,6 @@ class Mesh(Owner):
         threads: CPU threads, for images of meshes alone; 0 takes all.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
     """
 

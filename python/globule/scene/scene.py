@@ -65,7 +65,6 @@ class SceneBase(Owner):
     what the memory holds.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
         RuntimeError: the device cannot be used.
     """
@@ -143,8 +142,6 @@ class SceneBase(Owner):
         Args:
             particles: as for `Scene`.
             fields: arrays by their names in `Particles`.
-
-        Raises TypeError and ValueError naming the field, the expected and the given value.
         """
         check_update(particles, fields)
         if particles is None:

@@ -27,8 +27,6 @@ class Thesis(Fixed):
 
     Each ray visits leaves by itself, with a stack. A leaf sees its own particles and those of its
     26 neighbors. The result is correct only while no support is larger than the edge of a leaf.
-
-    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     root: str = setting(Choice(*ROOTS), "march", "points along the ray (Fig. 5.5); bezier: Bézier "
@@ -74,10 +72,7 @@ class Traced(Protocol):
 
 
 def check_tracing(scene: Traced, thesis: Thesis | None) -> None:
-    """Refuse choices with which `scene` cannot be traced.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
-    """
+    """Refuse choices with which `scene` cannot be traced."""
     if thesis is None:
         return
     if not isinstance(thesis, Thesis):

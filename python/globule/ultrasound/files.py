@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.checks import a_path, number, numeric
-from ..formats.errors import FormatError, bad
+from ..formats.errors import FormatError, bad, faults
 from ..formats.kind import Kind, kind_of, kind_or_none, wrong_kind
 from ..formats.packed import opens_packed
 from ..formats.sweeps import igs, slicer_bundle, stack, stradwin
@@ -200,10 +200,8 @@ def recording_of(
         arrays = images.arrays
     if not recording.frames.size:
         return recording, arrays  # the buffer of a tracker
-    try:
+    with faults(path, refused=(TypeError, ValueError)):
         return recording._replace(frames=np.asarray(checked_frames(recording.frames))), arrays
-    except (TypeError, ValueError) as error:
-        raise bad(path, "", str(error)) from None
 
 
 def _is_hdf5(path: Any) -> bool:
@@ -250,10 +248,8 @@ def _posed(
             if _is_still(stamps):
                 advice = "give the frames' rate, or a table without times and with one row a frame"
                 raise bad(path, "", f"expected time stamps that advance, got {stamps[0]:g} s for all {what}; {advice}")
-        try:
+        with faults(path):
             matrices, ok = interpolate(table, times + offset)
-        except ValueError as error:
-            raise bad(path, "", str(error)) from None
     scales = np.linalg.norm(table.matrices[table.ok][:, :3, :2], axis=1)
     if not setup.calibrated and np.allclose(scales, 1, atol=1e-3):
         problem = "expected a calibration (mm per pixel) beside poses without scale, got none"
@@ -308,7 +304,7 @@ def _assembled(
     if (image, "Probe") in way:  # a calibration and, apart from it, poses
         rest = chain(edges, way[way.index((image, "Probe")) + 1 :], n)
         check_travel(path, rest.matrices[valid])
-    try:
+    with faults(path):
         sweep = Sweep(recording.frames, matrices, recording.times, valid, world=world,
                       metadata=metadata)  # fmt: skip
         check_pixels(matrices[valid], sweep.frames.shape[1:])
@@ -316,8 +312,6 @@ def _assembled(
         if recording.times is not None:
             check_order(path, recording.times[valid])
         return sweep
-    except ValueError as error:
-        raise bad(path, "", str(error)) from None
 
 
 def _shifted(path: Any, recording: igs.Recording, edges: Edges, way: list[tuple[str, str]], offset: float) -> Edges:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..formats.errors import bad, shown
+from ..formats.errors import bad, faults, shown
 from ..formats.size import whole_text
 from ..formats.sweeps.poses import csv_rows, interpolate, read_poses
 from ..formats.sweeps.stack import check_numbers
@@ -72,10 +72,8 @@ def read_marks(path: str | os.PathLike[str], recording: Tracked | None = None) -
     """Pixels (N, 2) and world_from_probe (N, 4, 4) of a table. Raises FormatError with the row."""
     if not os.fspath(path).lower().endswith(".csv"):
         raise bad(path, "", "expected a table of marks, .csv")
-    try:
+    with faults(path, expected="a text table", refused=(UnicodeError, csv.Error)):
         lines = list(csv.reader(whole_text(path).splitlines()))
-    except (UnicodeError, csv.Error) as error:
-        raise bad(path, "", f"expected a text table, got {error}") from None
     names = [name.strip().lower() for name in lines[0]] if lines else []
     wanted = ["column", "row", *(["frame"] if recording else [])]
     if not set(wanted) <= set(names):
@@ -113,10 +111,8 @@ def read_marks(path: str | os.PathLike[str], recording: Tracked | None = None) -
 def read_landmarks(path: str | os.PathLike[str]) -> tuple[list[str], np.ndarray]:
     """Names and points (N, 3) of a table (.csv) of name, x, y, z, mm. A landmark may be touched
     several times. Raises FormatError with the row."""
-    try:
+    with faults(path, expected="a text table", refused=(UnicodeError, csv.Error)):
         lines = list(csv.reader(whole_text(path).lstrip("\ufeff").splitlines()))
-    except (UnicodeError, csv.Error) as error:
-        raise bad(path, "", f"expected a text table, got {error}") from None
     columns = [name.strip().lower() for name in lines[0]] if lines else []
     wanted = ("name", "x", "y", "z")
     if not set(wanted) <= set(columns):

@@ -31,8 +31,6 @@ class Sweep:
                        z to the head; PLUS, DICOM and ITK) or "RAS". A sweep over a phantom has no
                        patient; files then state LPS
     metadata           other fields of the file, which the writer stores again
-
-    Raises TypeError or ValueError naming the field, the expected and the given value.
     """
 
     frames: Any
