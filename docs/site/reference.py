@@ -18,7 +18,8 @@ import globule as gb
 from globule._base.settings import Each, Setting, schema_of, settings_of
 from globule.cli import build_parser
 from globule.sim.instruments import Key
-from globule.sim.scene_file import Boundary, Fluid, SceneFile, Solid
+from globule.sim.scene_bodies import Boundary, Fluid, Solid
+from globule.sim.scene_file import SceneFile
 from globule.viewer.state import state_schema
 
 ROOT = Path(__file__).resolve().parents[2]

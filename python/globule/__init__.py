@@ -48,10 +48,11 @@ if _TYPE_CHECKING:
     from .formats import FormatError, read, write
     from .formats.mesh import sample_mesh
     from .render.camera_path import CameraPath, orbit
+    from .render.image_sequence import render_sequence
     from .render.legend import add_legend
     from .render.paper import imshow
     from .render.presets import load_preset
-    from .render.sequence import find_value_range, read_ahead, render_sequence, sequence
+    from .render.sequence import find_value_range, read_ahead, sequence
     from .render.views import render_views
     from .scene.capsules import Lines, Spheres
     from .scene.rigid_bodies import RigidBodies
@@ -66,7 +67,8 @@ _LATER = {
     "render.legend": "add_legend",
     "render.paper": "imshow",
     "render.presets": "load_preset",
-    "render.sequence": "find_value_range read_ahead render_sequence sequence",
+    "render.image_sequence": "render_sequence",
+    "render.sequence": "find_value_range read_ahead sequence",
     "render.views": "render_views",
     "scene.capsules": "Lines Spheres",
     "scene.rigid_bodies": "RigidBodies",

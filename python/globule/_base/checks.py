@@ -167,6 +167,14 @@ def image_size(value: Any) -> tuple[int, int]:
     return width, height
 
 
+def corners(name: str, value: Any, dtype: Any = np.float64) -> np.ndarray:
+    """Two finite corners (2, 3) of a box, the first one lower or equal along every axis."""
+    box = array_of_numbers(value, dtype)
+    if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
+        raise ValueError(f"{name}: expected two finite corners ((x, y, z), (x, y, z)), got {shown(value)}")
+    return box
+
+
 def as_image(value: Any) -> np.ndarray:
     """An image of 8 bits, perhaps with alpha."""
     image = np.asarray(value)

@@ -16,7 +16,8 @@ from ..formats.kind import kind_of
 from ..formats.triangles import has_faces
 from ..measure.surface import default_spacing
 from ..pieces.scene import Scene
-from ..render.sequence import KeptScene, find_files, leader, read_ahead, with_frames
+from ..render.image_sequence import KeptScene
+from ..render.sequence import find_files, leader, read_ahead, with_frames
 from . import flags, look, surfaces
 from .parser import Parser
 from .shared import (

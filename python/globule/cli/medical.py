@@ -15,8 +15,8 @@ from ..formats.volumes import READABLE as READABLE_VOLUMES
 from ..formats.volumes import WRITABLE as WRITABLE_VOLUMES
 from ..formats.volumes import check_name
 from ..ultrasound.files import EXTENSIONS as READABLE_SWEEPS
-from ..ultrasound.files import WRITABLE as SWEEPS
-from ..ultrasound.files import write_sweep
+from ..ultrasound.sweep_writing import WRITABLE as SWEEPS
+from ..ultrasound.sweep_writing import write_sweep
 from ..ultrasound.trust import check_poses
 from ..volumes.files import write_volume
 from ..volumes.slices import save_three_view

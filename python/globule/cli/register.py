@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..formats.volumes import WRITABLE, check_name
-from ..ultrasound.files import WRITABLE as SWEEPS
+from ..ultrasound.sweep_writing import WRITABLE as SWEEPS
 from . import flags
 from .parser import Parser
 from .shared import (
@@ -101,7 +101,7 @@ def run(options: argparse.Namespace) -> None:
             with mistakes():
                 write_volume(options.output, volume)
         if options.sweep_output:
-            from ..ultrasound.files import write_sweep
+            from ..ultrasound.sweep_writing import write_sweep
 
             with mistakes():
                 write_sweep(options.sweep_output, joined)

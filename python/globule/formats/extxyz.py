@@ -19,7 +19,7 @@ from .elements import of_elements, type_names
 from .errors import bad, require_different, shown
 from .fields import particles_from
 from .frames import text_frame
-from .table import whole_numbers
+from .rows import whole_numbers
 
 _PAIR = re.compile(r"""([\w\-./]+)\s*=\s*(?:"([^"]*)"|'([^']*)'|\{([^}]*)\}|([^\s"'{]+))""")
 _NAMES = {

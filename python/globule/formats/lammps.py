@@ -22,7 +22,7 @@ from .elements import of_elements, type_names
 from .errors import FormatError, bad, require_different, shown
 from .fields import join_columns, particles_from
 from .frames import text_frame
-from .table import whole_numbers
+from .rows import whole_numbers
 
 # Columns of the section Atoms after the atom's number, by atom style.
 _STYLES = {

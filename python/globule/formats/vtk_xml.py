@@ -23,8 +23,8 @@ from .cells import Cells
 from .contents import Contents
 from .errors import FormatError, bad, faults, shown
 from .fields import particles_from, per_particle
-from .guarded import need
 from .size import check_memory, check_size, whole_file
+from .vtk_xml_data import Stream, unpack
 from .xml import parse_xml
 
 TYPES = {
@@ -347,7 +347,7 @@ class VtkXml:
             else:
                 source, is_base64 = self.appended, self.appended_is_base64
                 start = self.count(element, "offset")
-            stream = _Stream(source, start, is_base64, lambda problem: self.bad(name, problem))
+            stream = Stream(source, start, is_base64, lambda problem: self.bad(name, problem))
             raw = self.payload(stream, n * k * dtype.itemsize)
             values = np.frombuffer(raw, dtype.newbyteorder(self.order)).astype(dtype)
         else:
@@ -373,7 +373,7 @@ class VtkXml:
             raise self.bad(name, f"expected {n} numbers, got {len(values)}")
         return values
 
-    def payload(self, stream: _Stream, expected: int) -> bytes:
+    def payload(self, stream: Stream, expected: int) -> bytes:
         """The `expected` bytes of an array, behind a header with sizes."""
         width = self.header_dtype.itemsize
         if not self.compressed:
@@ -394,7 +394,7 @@ class VtkXml:
         if sum(sizes) != expected:
             raise stream.bad(f"expected {expected} bytes, got blocks of {sum(sizes)}")
         packed = stream.rest(sum(packed_sizes))
-        return _unpack(self.compressed, packed, packed_sizes, sizes, stream)
+        return unpack(self.compressed, packed, packed_sizes, sizes, stream)
 
 
 class MappedVtk(VtkXml):
@@ -461,101 +461,3 @@ def _counts(element: Any) -> tuple[str, ...]:
 def _text(element: Any) -> str:
     """The text of an element without that of its children (VTK's information keys)."""
     return (element.text or "") + "".join(child.tail or "" for child in element)
-
-
-def _unpack(how: str, raw: bytes, packed_sizes: list[int], sizes: list[int], stream: _Stream) -> bytes:
-    blocks, position = [], 0
-    unpack = {"zlib": _zlib, "lz4": _lz4, "lzma": _lzma}[how]
-    for packed_size, size in zip(packed_sizes, sizes, strict=True):
-        try:
-            block = unpack(raw[position : position + packed_size], size)
-        except ValueError as error:
-            raise stream.bad(f"expected {how} data, got {error}") from None
-        if len(block) != size:
-            raise stream.bad(f"expected a block of {size} bytes, got another size")
-        blocks.append(block)
-        position += packed_size
-    return b"".join(blocks)
-
-
-def _zlib(packed: bytes, size: int) -> bytes:
-    import zlib
-
-    inflater = zlib.decompressobj()
-    try:
-        block = inflater.decompress(packed, size + 1)
-    except zlib.error as error:
-        raise ValueError(str(error)) from None
-    return block if inflater.eof else b""
-
-
-def _lz4(packed: bytes, size: int) -> bytes:
-    need("lz4", "lz4", "formats")
-    import lz4.block
-
-    try:
-        return lz4.block.decompress(packed, uncompressed_size=size)
-    except lz4.block.LZ4BlockError as error:
-        raise ValueError(str(error)) from None
-
-
-def _lzma(packed: bytes, size: int) -> bytes:
-    import lzma
-
-    try:  # a dictionary need not be larger than what it unpacks to, but has a least size
-        inflater = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=2 * size + (1 << 27))
-        return inflater.decompress(packed, size + 1)
-    except (lzma.LZMAError, EOFError) as error:
-        raise ValueError(str(error)) from None
-
-
-class _Stream:
-    """Header and data of one array, raw or as base64.
-
-    In base64 the header of compressed data is padded and encoded on its own. That of plain data
-    is encoded together with them, though some writers pad it too; a '=' in it tells.
-    """
-
-    def __init__(self, source: memoryview, start: int, is_base64: bool, bad_array: Any) -> None:
-        self.source = source
-        self.start = start
-        self.is_base64 = is_base64
-        self.bad = bad_array
-        self.header_size = 0
-
-    def header(self, size: int) -> bytes:
-        """The first `size` bytes; a longer header may be asked for next."""
-        self.header_size = size
-        raw = self.take(self.start, size)
-        last, padding = self.start + 4 * -(-size // 3), b"=" * (-size % 3)
-        if self.is_base64 and padding and self.source[last - len(padding) : last] == padding:
-            self.end_header()  # one = less ends data of one byte
-        return raw
-
-    def end_header(self) -> None:
-        """The data begin anew behind the header."""
-        if self.header_size:
-            size = self.header_size
-            self.start += 4 * -(-size // 3) if self.is_base64 else size
-            self.header_size = 0
-
-    def rest(self, size: int) -> bytes:
-        return self.take(self.start, self.header_size + size)[self.header_size :]
-
-    def take(self, start: int, size: int) -> bytes:
-        import binascii
-
-        length = 4 * -(-size // 3) if self.is_base64 else size
-        if start + length > len(self.source):
-            left = max(0, len(self.source) - start)
-            raise self.bad(f"expected {length} bytes at offset {start}, got {left}")
-        piece = self.source[start : start + length]
-        if not self.is_base64:
-            return bytes(piece)
-        try:
-            raw = binascii.a2b_base64(piece)
-        except binascii.Error as error:
-            raise self.bad(f"expected base64 at offset {start}, got {error}") from None
-        if len(raw) < size:
-            raise self.bad(f"expected {size} bytes at offset {start}, got {len(raw)}")
-        return raw[:size]

@@ -13,7 +13,8 @@ from ..data.particles import Particles
 from . import cells, hdf5
 from .contents import frame_index
 from .errors import faults
-from .hdf5_layouts import Layout, Source, Tree, frame_entry, vtkhdf_block, vtkhdf_parts, vtkhdf_roots
+from .hdf5_layouts import frame_entry, vtkhdf_block, vtkhdf_parts, vtkhdf_roots
+from .hdf5_tree import Layout, Source, Tree
 
 _GLANCE = 1 << 20  # bytes in which the group's name stands
 _LISTS = {"Vertices": cells.VERTICES, "Lines": cells.LINES, "Polygons": cells.POLYGONS, "Strips": cells.STRIPS}

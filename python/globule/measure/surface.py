@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import to_host
-from .._base.checks import array_of_numbers, shown
 from ..data.particles import Particles
 from ..pieces.scene import Scene
 from ..pieces.shown import shown_scene
@@ -77,16 +76,6 @@ def default_spacing(scene: Scene) -> float:
         return float(np.median(spheres[1])) / 2
     support = float(np.max(to_host(scene.support), initial=0))
     return min(scene.spacing / 2, support / 4) or support / 8
-
-
-def box_of_corners(box: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Two finite corners (3,), the first one lower or equal along every axis."""
-    corners = array_of_numbers(box)
-    good = corners.shape == (2, 3) and np.isfinite(corners).all()
-    if not good or (corners[0] > corners[1]).any():
-        expected = "two finite corners ((x, y, z), (x, y, z))"
-        raise ValueError(f"box: expected {expected}, got {shown(box)}")
-    return corners[0], corners[1]
 
 
 def counts(lengths: np.ndarray, spacing: float) -> list[int]:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import positive
-from ..render.sequence import KeptScene, are_files, find_files, leader, with_frames
+from ..render.image_sequence import KeptScene
+from ..render.sequence import are_files, find_files, leader, with_frames
 from .mesh import in_closed_form, measured, mesh_surface
 from .surface import default_spacing, measured_particles, spheres_of, surface_scene
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -34,7 +34,7 @@ from ..scene.scene import (
     SceneBase,
 )
 from .partition import Partition, Space, box_of, cells_of, codes_of, histogram, space_around
-from .store import CHUNK, TELLING, Columns, Files, Layout, Source, layout_of, source_of
+from .store import CHUNK, TELLING, Columns, Files, Layout, Source, both, check_reach, layout_of, source_of
 
 # Bytes that a piece takes for each of its particles while it is read, built and traced, measured:
 # 58 and 95 on a CPU, with the rows themselves.
@@ -184,7 +184,7 @@ class Pieces(Owner):
         layouts = [one for one in ranks.all(layout) if one is not None] or [Layout((), {})]
         check_reach(layouts)
         for one in layouts[1:]:
-            layouts[0] = _both(layouts[0], one)
+            layouts[0] = both(layouts[0], one)
         self._layout = layouts[0]
         if self._color[0] is not None:
             self._layout = self._layout.with_each("color")
@@ -205,7 +205,7 @@ class Pieces(Owner):
             lowest, highest = box_of(to_host(some.positions))
             low, high = np.minimum(low, lowest), np.maximum(high, highest)
             found = layout_of(some, self.support)
-            layout = found if layout is None else _both(layout, found)
+            layout = found if layout is None else both(layout, found)
             if some.weight is not None:
                 weight = min(weight, float(np.min(to_host(some.weight))))
             for factor in (some.reflection, some.refraction):
@@ -543,29 +543,3 @@ def _radii(particles: Particles) -> Any:
     """How far spheres reach: (N,); None where the particles have no radii."""
     radii = find_radii(particles, of_all=False)
     return None if radii is None else radii / SPHERE_RADIUS
-
-
-def check_reach(layouts: Sequence[Layout]) -> None:
-    """Raise ValueError where some particles say how far their kernels reach and others do not."""
-    for name in ("support", "anisotropy"):
-        held = [name in x.each or name in x.one for x in layouts]
-        if any(held) and not all(held):
-            raise ValueError(f"{name}: expected it of all particles or of none, got some without")
-
-
-def _both(a: Layout, b: Layout) -> Layout:
-    """A layout for the particles of two."""
-    each = [name for name in a.each if name not in TELLING or name in b.each]
-    one = {}
-    for name in (*b.each, *b.one, *a.one):
-        if name in each or name in one or name in TELLING:
-            continue
-        if name in b.each or not _same(a.one.get(name), b.one.get(name)):
-            each.append(name)
-        else:
-            one[name] = a.one[name]
-    return Layout(tuple(each), one)
-
-
-def _same(a: Any, b: Any) -> bool:
-    return a is b if a is None or b is None else np.array_equal(a, b)

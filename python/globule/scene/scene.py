@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import ABSENT, HOST, View, address, on_gpu, rays, to_host, view
-from .._base.checks import array_of_numbers, choice, positive, shown, thread_count, whole
+from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.owner import Owner
 from ..data.attributes import color_by
@@ -20,7 +20,7 @@ from ..data.particles import FIELDS, Particles
 from ..data.radii import find_radii
 from ..data.spacing import FEW, normal_of
 from .octree import Octree
-from .sources import as_particles
+from .sources import as_particles, field_of, space_of, values_of_particles
 from .thesis import Thesis, check_tracing
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ class SceneBase(Owner):
         self.threshold = self._defaults[1] if threshold is None else threshold
         self.builds = 0
         self._kernel = KERNELS.index(kernel)
-        self._tree = (key_bits, int(level), octree == "dense", _space(bounds))
+        self._tree = (key_bits, int(level), octree == "dense", space_of(bounds))
         self._raw = _core.Scene(self.device.backend, self.device.index, thread_count(threads))
         self._lock = threading.RLock()
         self._stale = False
@@ -209,11 +209,11 @@ class SceneBase(Owner):
         elif self._support:
             support, one_support = ABSENT, self._support
         else:
-            support, one_support = _field("support", p.support, None, n)
-        weight, one_weight = _field("weight", p.weight, None, n)
-        color, one_color = _field("color", p.color, 3, n)
-        reflection, one_reflection = _field("reflection", p.reflection, None, n)
-        refraction, one_refraction = _field("refraction", p.refraction, None, n)
+            support, one_support = field_of("support", p.support, None, n)
+        weight, one_weight = field_of("weight", p.weight, None, n)
+        color, one_color = field_of("color", p.color, 3, n)
+        reflection, one_reflection = field_of("reflection", p.reflection, None, n)
+        refraction, one_refraction = field_of("refraction", p.refraction, None, n)
         if one_weight is None:
             one_weight = 1.0
         arrays = [positions, weight, color, reflection, refraction, stretch]
@@ -454,7 +454,7 @@ class SceneBase(Owner):
             (M,) or (M, K) float32; NaN where no particle reaches.
         """
         p = view("points", points, 3)
-        v, out, given_back = _of_particles(values, p.shape[0])
+        v, out, given_back = values_of_particles(values, p.shape[0])
         self._scene.blend(self._kernel, p.shape[0], p.place, v.place, v.shape[0], out.shape[1], address(out))
         return given_back
 
@@ -473,7 +473,7 @@ class SceneBase(Owner):
             (M,) or (M, K) float32, the values' unit times the world's unit of length.
         """
         o, d = rays(origins, directions)
-        v, out, given_back = _of_particles(values, o.shape[0])
+        v, out, given_back = values_of_particles(values, o.shape[0])
         self._scene.integrate(
             self._kernel, o.shape[0], o.place, d.place, v.place, v.shape[0], out.shape[1], address(out)
         )
@@ -513,29 +513,6 @@ def check_choices(kernel: str, surface: str, octree: str, key_bits: int) -> None
     choice("key_bits", key_bits, (32, 64))
 
 
-def _field(name: str, value: Any, columns: int | None, n: int) -> tuple[View, Any]:
-    """A particle field as (array, None) or (ABSENT, one value for all)."""
-    if value is None:
-        return ABSENT, None
-    shape = getattr(value, "shape", ())
-    if shape == () or (columns is not None and shape == (columns,)):
-        return ABSENT, value
-    v = view(name, value, columns)
-    if v.shape[0] != n:
-        raise ValueError(f"{name}: expected {n} particles, got {v.shape[0]}")
-    return v, None
-
-
-def _of_particles(values: Any, n: int) -> tuple[View, np.ndarray, np.ndarray]:
-    """Values (N,) or (N, K) of particles; where n rows of them are written, and how these are given
-    back."""
-    shape = np.shape(values)
-    flat = len(shape) == 1
-    v = view("values", values, None if flat else shape[-1] if shape else 1)
-    out = np.empty((n, 1 if flat else v.shape[1]), np.float32)
-    return v, out, out[:, 0] if flat else out
-
-
 def _check_supports(support: np.ndarray) -> None:
     """Rays are walked in steps of the supports nearby, so those must be of comparable size."""
     largest = float(np.max(support, initial=0.0))
@@ -544,15 +521,6 @@ def _check_supports(support: np.ndarray) -> None:
         raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {largest:g}")
     if largest > MAX_RATIO * smallest:
         raise ValueError(f"support: expected all within a factor of {MAX_RATIO:g}, got {smallest:g} to {largest:g}")
-
-
-def _space(bounds: Any) -> list[float]:
-    if bounds is None:
-        return []
-    box = array_of_numbers(bounds, np.float32)
-    if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
-        raise ValueError(f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {shown(bounds)}")
-    return [float(x) for x in box.ravel()]
 
 
 def _spacing(core: Any, particles: Particles, surface: str) -> float:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
-from .._base.arrays import on_gpu
+from .._base.arrays import ABSENT, View, on_gpu, view
+from .._base.checks import corners
 from ..data.particles import Particles
 
 if TYPE_CHECKING:
@@ -76,3 +77,31 @@ def _read(name: str, path: str) -> Particles:
     from ..formats import read  # formats are loaded when they are needed
 
     return read(path)
+
+
+def field_of(name: str, value: Any, columns: int | None, n: int) -> tuple[View, Any]:
+    """A particle field as (array, None) or (ABSENT, one value for all)."""
+    if value is None:
+        return ABSENT, None
+    shape = getattr(value, "shape", ())
+    if shape == () or (columns is not None and shape == (columns,)):
+        return ABSENT, value
+    v = view(name, value, columns)
+    if v.shape[0] != n:
+        raise ValueError(f"{name}: expected {n} particles, got {v.shape[0]}")
+    return v, None
+
+
+def values_of_particles(values: Any, n: int) -> tuple[View, np.ndarray, np.ndarray]:
+    """Values (N,) or (N, K) of particles; where n rows of them are written, and how these are given
+    back."""
+    shape = np.shape(values)
+    flat = len(shape) == 1
+    v = view("values", values, None if flat else shape[-1] if shape else 1)
+    out = np.empty((n, 1 if flat else v.shape[1]), np.float32)
+    return v, out, out[:, 0] if flat else out
+
+
+def space_of(bounds: Any) -> list[float]:
+    """The six numbers of an octree's space; none of what the particles tell."""
+    return [] if bounds is None else [float(x) for x in corners("bounds", bounds, np.float32).ravel()]

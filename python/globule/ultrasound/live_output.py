@@ -23,7 +23,7 @@ from ..volumes.iso_surface import default_level
 from ..volumes.slices import reslice
 from ..volumes.volume import FAR, Volume, origin_of
 from .broadcast import Broadcaster
-from .live import LiveFrame
+from .matching import LiveFrame
 
 _SLICE = 192  # pixels along the longer side of a slice, at most
 _BEHIND = 3  # messages that wait; from there on, frames go before volumes

@@ -19,7 +19,7 @@ from PIL import Image
 
 from ..formats.errors import bad, faults
 from ..formats.sweeps.poses import MATRIX, read_poses
-from .live import LiveFrame
+from .matching import LiveFrame
 
 _POSES = "poses.csv"
 _UNFINISHED = "unfinished"
