@@ -70,10 +70,15 @@ def named(called: _Called) -> _Called:
     return called
 
 
+def listed(names: Sequence[str]) -> str:
+    """ "a or b", "one of a, b, c"."""
+    return " or ".join(names) if len(names) < 3 else f"one of {', '.join(names)}"
+
+
 def choice(name: str, value: Any, known: Sequence[Any]) -> Any:
     """One of the known words or numbers."""
     if not isinstance(value, type(known[0])) or value not in known:
-        expected = " or ".join([", ".join(map(str, known[:-1])), str(known[-1])])
+        expected = listed(list(map(str, known)))
         raise ValueError(f"{name}: expected {expected}, got {shown(value)}{near(str(value), map(str, known))}")
     return value
 
@@ -122,16 +127,22 @@ def unit(name: str, value: Any) -> list[float]:
     return [float(x) for x in v / length]
 
 
+def as_float(value: Any) -> float:
+    """A number as float, also an infinite one or NaN; what is none is a TypeError or ValueError."""
+    if isinstance(value, (str, bytes, bool, np.bool_)):
+        raise TypeError
+    try:
+        return float(value)
+    except OverflowError:  # a whole number beyond all floats
+        return math.inf
+
+
 def number(name: str, value: Any, least: float = -math.inf, most: float = math.inf) -> float:
     """A finite number in [least, most]."""
     try:
-        if isinstance(value, (str, bytes, bool, np.bool_)):
-            raise TypeError
-        v = float(value)
+        v = as_float(value)
     except (TypeError, ValueError):
         raise TypeError(f"{name}: expected a number, got {shown(value)}") from None
-    except OverflowError:  # a whole number beyond all floats
-        v = math.inf
     if not (math.isfinite(v) and least <= v <= most):
         raise ValueError(f"{name}: expected {_range(least, most)}, got {shown(value)}")
     return v

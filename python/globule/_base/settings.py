@@ -13,13 +13,13 @@ import inspect
 import math
 import re
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, replace
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from .checks import shown
+from .checks import as_float, listed, shown
 from .colormaps import hex_color, to_linear
 
 Path = tuple[Any, ...]  # ("fluids", 0, "box", "lo")
@@ -55,11 +55,6 @@ def sentence(words: str) -> str:
 def unlinked(words: str) -> str:
     """Markdown without links."""
     return re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", words)
-
-
-def listed(names: Sequence[str]) -> str:
-    """ "a or b", "one of a, b, c"."""
-    return " or ".join(names) if len(names) < 3 else f"one of {', '.join(names)}"
 
 
 # Kinds of values
@@ -123,13 +118,9 @@ class Number(Kind):
 
     def _take(self, value: Any) -> Any:
         try:
-            if isinstance(value, (str, bytes, bool, np.bool_)):
-                raise TypeError
-            v = float(value)
+            v = as_float(value)
         except (TypeError, ValueError):
             raise self.wrong(value, WrongType) from None
-        except OverflowError:  # a whole number beyond all floats
-            v = math.inf
         if not (math.isfinite(v) and self.least <= v <= self.most and v > self.above):
             raise self.wrong(value)
         return v

@@ -52,12 +52,7 @@ def add_arguments(parser: Parser) -> None:
         "averaged, mm", positive, usual="one voxel")  # fmt: skip
     side = parser.add_mutually_exclusive_group()
     for name, word in (("--above", "brighter"), ("--below", "darker")):
-        side.add_argument(
-            name,
-            type=number,
-            metavar="V",
-            help=f"volume of what is {word} than this value, gray levels (default: none)",
-        )
+        flags.own(side, f"{name} V", f"volume of what is {word} than this value, gray levels", number)
     flags.own(parser, "--within X,Y,Z,R", "ball whose voxels count for --above and --below: center "
         "and radius, mm, world", partial(numbers, n=4), usual="all voxels")  # fmt: skip
     add("--voxel-size", dest="spacing", type=positive, required=True, metavar="MM", help="edge of a voxel, mm")

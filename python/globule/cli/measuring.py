@@ -58,14 +58,8 @@ def add_sample_spacing(group: Any) -> None:
 
 def add_values(group: Any, default: str) -> None:
     """The flag of the values to sample."""
-    group.add_argument(
-        "--value",
-        dest="values",
-        action="append",
-        metavar="NAME",
-        help="value to sample: field, inside, gradient, or a field or attribute of the particles; "
-        f"may be repeated (default: {default})",
-    )
+    flags.own(group, "--value NAME", "value to sample: field, inside, gradient, or a field or "
+        "attribute of the particles; may be repeated", usual=default, dest="values", action="append")  # fmt: skip
 
 
 def scenes(

@@ -43,19 +43,10 @@ _OF_PARTICLES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of meshes."""
     group = parser.add_argument_group("triangle meshes")
-    add = group.add_argument
-    add(
-        "--mesh",
-        dest="meshes",
-        type=mesh,
-        action="append",
-        default=[],
-        metavar="FILE[:MATERIAL]",
-        help="triangles of a second file (.stl .obj .ply .glb .vtk .vtp), world units, or a folder "
-        "rigid_bodies of SPlisHSPlasH, whose bodies follow the number in the input's name; "
-        f"MATERIAL is {', '.join(PRESETS)}; --clip cuts them too; may be repeated up to 3 times "
-        "(default: none)",
-    )
+    flags.own(group, "--mesh FILE[:MATERIAL]", "triangles of a second file (.stl .obj .ply .glb .vtk "
+        ".vtp), world units, or a folder rigid_bodies of SPlisHSPlasH, whose bodies follow the number "
+        f"in the input's name; MATERIAL is {', '.join(PRESETS)}; --clip cuts them too; may be "
+        "repeated up to 3 times", mesh, [], dest="meshes", action="append")  # fmt: skip
     flags.own(group, "--spheres FILE[:RADIUS]", "plain spheres at the particles of a second file, "
         "world units", functools.partial(_with_radius, "spheres"), [],
         usual="the file's radii, else half a spacing", action="append")  # fmt: skip

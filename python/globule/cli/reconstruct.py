@@ -92,13 +92,8 @@ def add_arguments(parser: Parser) -> None:
     grid = method.add_mutually_exclusive_group()
     flags.own(grid, "--voxel-size MM", "edge of a voxel, mm", positive, usual="from --voxels",
         dest="spacing")  # fmt: skip
-    grid.add_argument(
-        "--voxels",
-        dest="size",
-        type=int,
-        metavar="N",
-        help=f"number of voxels along the longest axis (default: {DEFAULT_SIZE})",
-    )
+    flags.own(grid, "--voxels N", "number of voxels along the longest axis", int,
+        usual=str(DEFAULT_SIZE), dest="size")  # fmt: skip
     flags.own(method, "--bounds X0,Y0,Z0,X1,Y1,Z1", "lowest and highest corner of the volume, mm, "
         "world", numbers, usual="around all pixels", dest="region")  # fmt: skip
     flags.own(method, "--volume-axes NAME", "axes of the volume: world; sweep: along the sweep, "

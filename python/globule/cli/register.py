@@ -47,13 +47,8 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("sweeps", nargs="+", metavar="SWEEP", help="tracked frames, two or more")
     flags.add(parser, "--output", "volume of all sweeps; default: none")
     flags.own(parser, "--sweep-output PATH", "also write the joined sweep")
-    parser.add_argument(
-        "--voxel-size",
-        dest="spacing",
-        type=positive,
-        metavar="MM",
-        help=f"edge of a voxel, mm (default: {_SIZE} along the longest axis)",
-    )
+    flags.own(parser, "--voxel-size MM", "edge of a voxel, mm", positive,
+        usual=f"{_SIZE} along the longest axis", dest="spacing")  # fmt: skip
     flags.own(parser, "--max-registration-error MM", "largest expected error of a registration "
         "that is accepted, mm", positive, usual="two voxels of the registration",
         dest="max_error")  # fmt: skip

@@ -22,16 +22,14 @@ from ..data.spacing import normal_of
 from ..fluids.likeness import RADII, suitable_surface
 from ..scene.fitting import octree_bytes, room_on
 from ..scene.scene import (
-    DEFAULTS,
     KERNELS,
     REACH,
     SMOOTH_SUPPORT,
-    SMOOTH_THRESHOLD,
     SPHERE_RADIUS,
     SPHERE_SUPPORT,
-    SPHERE_THRESHOLD,
     SURFACES,
     SceneBase,
+    threshold_of,
 )
 from .partition import Partition, Space, box_of, cells_of, codes_of, histogram, space_around
 from .store import CHUNK, TELLING, Columns, Files, Layout, Source, both, check_reach, layout_of, source_of
@@ -275,8 +273,7 @@ class Pieces(Owner):
         unknown = self.spacing is None if made else self.surface == "balls" and not own
         if auto or unknown:
             self._measure(source, auto)
-        usual = {"smooth": SMOOTH_THRESHOLD, "spheres": SPHERE_THRESHOLD}
-        default = usual.get(self.surface, DEFAULTS[self.kernel][1])
+        default = threshold_of(self.surface, self.kernel)
         self.threshold = default if threshold is None else positive("threshold", threshold)
         self._kernels()
 

@@ -21,8 +21,8 @@ from .._base.ranks import ranks_of
 from ..data.attributes import attribute_values, checked_range, color_by, ends_of_map
 from ..data.particles import Particles
 from ..scene.fitting import counted, lacking
-from ..scene.scene import KERNELS, SURFACES, SceneBase, check_choices, check_update
-from ..scene.sources import as_particles
+from ..scene.scene import KERNELS, SURFACES, SceneBase, check_choices
+from ..scene.sources import as_particles, check_update
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

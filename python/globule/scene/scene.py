@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import threading
 import warnings
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,11 +15,11 @@ from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.owner import Owner
 from ..data.attributes import color_by
-from ..data.particles import FIELDS, Particles
+from ..data.particles import Particles
 from ..data.radii import find_radii
 from ..data.spacing import FEW, normal_of
 from .octree import Octree
-from .sources import as_particles, field_of, space_of, values_of_particles
+from .sources import MAX_SUPPORT, as_particles, check_supports, check_update, field_of, space_of, values_of_particles
 from .thesis import Thesis, check_tracing
 
 if TYPE_CHECKING:
@@ -43,8 +42,6 @@ SPHERE_SUPPORT = 0.5 / SPHERE_RADIUS  # spacings
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
 A_DOZEN = 12
 MAX_PARTICLES: int = _core.limits["particles"]
-MAX_SUPPORT: float = _core.limits["support"]  # past it squares overflow float32
-MAX_RATIO: float = _core.limits["ratio"]  # between the largest and the smallest support
 
 
 class Intersections(NamedTuple):
@@ -115,7 +112,7 @@ class SceneBase(Owner):
             raise ValueError(f"level: {expected}, got {shown(level)}")
         self.kernel = kernel
         self.surface = surface
-        self.threshold = self._defaults[1] if threshold is None else threshold
+        self.threshold = threshold_of(self.surface, self.kernel) if threshold is None else threshold
         self.builds = 0
         self._kernel = KERNELS.index(kernel)
         self._tree = (key_bits, int(level), octree == "dense", space_of(bounds))
@@ -162,12 +159,6 @@ class SceneBase(Owner):
                     self._build(self.particles)
         return self._raw
 
-    @property
-    def _defaults(self) -> tuple[float, float]:
-        """The support in spacings, and the threshold."""
-        own = {"smooth": (SMOOTH_SUPPORT, SMOOTH_THRESHOLD), "spheres": (SPHERE_SUPPORT, SPHERE_THRESHOLD)}
-        return own.get(self.surface, DEFAULTS[self.kernel])
-
     def _color_by(self, name: str, colormap: str, range: tuple[float, float] | None) -> None:
         """Color the particles by a value, from the next image on."""
         self.update(color_by(self.particles, name, colormap, range))
@@ -177,7 +168,7 @@ class SceneBase(Owner):
         with self._lock:
             self._spacing = self._spacing or self._measured(surface) or None
             self.surface, self._support = surface, None
-            self.threshold = self._defaults[1]
+            self.threshold = threshold_of(self.surface, self.kernel)
             self._build(self.particles)
 
     def become_spheres(self) -> None:
@@ -244,7 +235,7 @@ class SceneBase(Owner):
             build(0.0)
             measured = _spacing(self._raw, p, self.surface)
             known = dict.fromkeys(SURFACES if n < FEW else (self.surface,), measured)
-            one_support = self._defaults[0] * (measured or 1.0)
+            one_support = defaults_of(self.surface, self.kernel)[0] * (measured or 1.0)
             if measured and smooth and n > A_DOZEN:
                 spacing = measured
             elif measured and n > A_DOZEN:  # of fewer it is found anew next time
@@ -261,7 +252,7 @@ class SceneBase(Owner):
             raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {one_support:g}")
         checked = support is ABSENT or support.owner is self._known.get("support")
         if not checked and support.device == HOST:
-            _check_supports(support.owner)
+            check_supports(support.owner)
         build(1.0 if one_support is None else float(one_support))
         made = p.anisotropy is not None or self.surface == "spheres"
         own = support.owner if made else p.support
@@ -372,10 +363,7 @@ class SceneBase(Owner):
         Returns:
             (M,) float32.
         """
-        p = view("points", points, 3)
-        out = np.empty(p.shape[0], np.float32)
-        self._scene.evaluate(self._kernel, p.shape[0], p.place, address(out), 0)
-        return out
+        return self._evaluate(points, True, False)[0]
 
     def gradient(self, points: ArrayLike) -> np.ndarray:
         """The gradient of the field at points. The gradient points inwards.
@@ -386,18 +374,20 @@ class SceneBase(Owner):
         Returns:
             (M, 3) float32, per world unit.
         """
-        p = view("points", points, 3)
-        out = np.empty((p.shape[0], 3), np.float32)
-        self._scene.evaluate(self._kernel, p.shape[0], p.place, 0, address(out))
-        return out
+        return self._evaluate(points, False, True)[1]
 
     def _field_and_gradient(self, points: ArrayLike) -> np.ndarray:
         """The field and the gradient at points (M, 3): (M, 4) float32, in less time than one after
         the other."""
+        return np.column_stack(self._evaluate(points, True, True))
+
+    def _evaluate(self, points: ArrayLike, field: bool, gradient: bool) -> tuple[np.ndarray, np.ndarray]:
+        """The field (M,) and the gradient (M, 3) at points; one that is not asked for is empty."""
         p = view("points", points, 3)
-        field, gradient = np.empty(p.shape[0], np.float32), np.empty((p.shape[0], 3), np.float32)
-        self._scene.evaluate(self._kernel, p.shape[0], p.place, address(field), address(gradient))
-        return np.column_stack([field, gradient])
+        n = p.shape[0]
+        f, g = np.empty(n * field, np.float32), np.empty((n * gradient, 3), np.float32)
+        self._scene.evaluate(self._kernel, n, p.place, address(f) if field else 0, address(g) if gradient else 0)
+        return f, g
 
     def intersect(self, origins: ArrayLike, directions: ArrayLike, thesis: Thesis | None = None) -> Intersections:
         """First intersection of arbitrary rays with the surface.
@@ -491,18 +481,15 @@ class SceneBase(Owner):
         )
 
 
+def defaults_of(surface: str, kernel: str) -> tuple[float, float]:
+    """The support in spacings, and the iso-value."""
+    own = {"smooth": (SMOOTH_SUPPORT, SMOOTH_THRESHOLD), "spheres": (SPHERE_SUPPORT, SPHERE_THRESHOLD)}
+    return own.get(surface, DEFAULTS[kernel])
+
+
 def threshold_of(surface: str, kernel: str) -> float:
     """The default iso-value."""
-    own = {"smooth": SMOOTH_THRESHOLD, "spheres": SPHERE_THRESHOLD}
-    return own.get(surface, DEFAULTS[kernel][1])
-
-
-def check_update(particles: Any, fields: Iterable[str]) -> None:
-    """Raise TypeError for arguments of `update` that are not particles, or known fields, alone."""
-    if particles is not None and fields:
-        raise TypeError("update: expected particles or fields, got both")
-    if unknown := set(fields) - set(FIELDS):
-        raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}")
+    return defaults_of(surface, kernel)[1]
 
 
 def check_choices(kernel: str, surface: str, octree: str, key_bits: int) -> None:
@@ -511,16 +498,6 @@ def check_choices(kernel: str, surface: str, octree: str, key_bits: int) -> None
     choice("surface", surface, SURFACES)
     choice("octree", octree, ("sparse", "dense"))
     choice("key_bits", key_bits, (32, 64))
-
-
-def _check_supports(support: np.ndarray) -> None:
-    """Rays are walked in steps of the supports nearby, so those must be of comparable size."""
-    largest = float(np.max(support, initial=0.0))
-    smallest = float(np.min(support, initial=np.inf, where=support > 0))
-    if largest > MAX_SUPPORT:
-        raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {largest:g}")
-    if largest > MAX_RATIO * smallest:
-        raise ValueError(f"support: expected all within a factor of {MAX_RATIO:g}, got {smallest:g} to {largest:g}")
 
 
 def _spacing(core: Any, particles: Particles, surface: str) -> float:

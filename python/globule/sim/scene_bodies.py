@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from .._base.settings import Choice, Color, Each, Number, Problem, Switch, Table, Vector, same, setting
+from .._base.settings import Choice, Color, Each, Number, Switch, Table, Vector, at, same, setting
 from .instruments import Key, Motion, Steady
 from .materials import LONGEST, MODEL, MODELS, MOST_POISSON, MOST_SHARE, SHORTEST, check_model, prony_series
 from .sampling import ENDS, FACES
@@ -231,10 +231,8 @@ class Boundary(Body):
                 raise ValueError("expected keys, or velocity and spin, got both")
             self.motion = Steady(self.velocity, self.spin, self.about)
         elif self.keys:
-            try:
+            with at("keys"):
                 self.motion = Motion(self.keys)
-            except Problem as problem:
-                raise Problem(("keys", *problem.path), problem.message) from None
 
 
 @dataclass(kw_only=True)

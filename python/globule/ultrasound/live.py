@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.checks import optional
+from .._base.checks import choice, optional
 from .._base.interrupts import Later
 from ..formats.sweeps.transforms import Edges, split_name
 from .live_counts import LiveCounts
@@ -86,8 +86,8 @@ def receive(
     """
     MessageBase = need_pyigtl()
     places = [parse_address(place) for place in (address, tracker) if place is not None]
-    if space is not None and space not in SPACES:
-        raise ValueError(f"space: expected LPS or RAS, got {space!r}")
+    if space is not None:
+        choice("space", space, SPACES)
     counts = counts or LiveCounts()
     assembler = _Assembler(constant, space, temporal_offset, counts, Clocks() if tracker else None)
     wait = idle if wait is None else wait

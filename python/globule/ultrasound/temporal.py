@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._base.checks import choice
 from .beat import find_beat, surrogates
 from .lines import find_lines
 
@@ -90,8 +91,7 @@ def temporal_offset(
     between two frames than speckle is wide. Raises ValueError if image or probe never moves, if no
     line is found with method "line", or if the recording is shorter than 2 · most.
     """
-    if method not in METHODS:
-        raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+    choice("method", method, METHODS)
     frames = np.asarray(frames)
     frame_times, pose_times = (np.asarray(t, np.float64) for t in (frame_times, pose_times))
     places = np.asarray(poses, np.float64)[:, :3, 3]
