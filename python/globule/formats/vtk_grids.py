@@ -119,11 +119,8 @@ class _Image(VtkReader):
     """STRUCTURED_POINTS: values on a grid, with the first axis the fastest."""
 
     data_sets = ("STRUCTURED_POINTS",)
-
-    def __init__(self, path: Any, data: bytes) -> None:
-        super().__init__(path, data)
-        self.size: tuple[int, ...] = ()  # x, y, z
-        self.spacing, self.origin = np.ones(3), np.zeros(3)
+    size: tuple[int, ...] = ()  # x, y, z
+    spacing, origin = np.ones(3), np.zeros(3)
 
     def image(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
         self.sections()

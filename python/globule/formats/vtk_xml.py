@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from .._base.files import atomic_write
 from ..data.particles import Particles
 from . import cells
 from .asciinum import parse_numbers
@@ -24,21 +23,9 @@ from .contents import Contents
 from .errors import FormatError, bad, faults, shown
 from .fields import particles_from, per_particle
 from .size import check_memory, check_size, whole_file
-from .vtk_xml_data import Stream, unpack
+from .vtk_xml_data import TYPES, Appended, Stream, unpack
 from .xml import parse_xml
 
-TYPES = {
-    "Int8": "i1",
-    "UInt8": "u1",
-    "Int16": "i2",
-    "UInt16": "u2",
-    "Int32": "i4",
-    "UInt32": "u4",
-    "Int64": "i8",
-    "UInt64": "u8",
-    "Float32": "f4",
-    "Float64": "f8",
-}
 TIMES = ("TimeValue", "TIME")  # of ParaView and VisIt
 _LISTS = {  # of PolyData, in the order of the cells' data
     "Verts": cells.VERTICES,
@@ -47,7 +34,6 @@ _LISTS = {  # of PolyData, in the order of the cells' data
     "Strips": cells.STRIPS,
 }
 _APPENDED = re.compile(rb"<AppendedData\b([^>]*)>\s*")
-_WRITTEN = {code: name for name, code in TYPES.items()} | {"b1": "UInt8"}
 
 
 def read(path: str | os.PathLike[str]) -> Contents:
@@ -74,49 +60,24 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write one piece with a vertex at each point, as appended raw little-endian data."""
-    from xml.sax.saxutils import quoteattr
-
     n = len(particles)
     index = np.int32 if n < 2**31 - 1 else np.int64
     connectivity = np.arange(n, dtype=index)
     offsets = np.arange(1, n + 1, dtype=index)
     poly = os.fspath(path).lower().endswith(".vtp")
     kind, cells = ("PolyData", "Verts") if poly else ("UnstructuredGrid", "Cells")
-    blocks: list[np.ndarray] = []
-    offset = 0
-
-    def array(name: str, values: np.ndarray) -> str:
-        nonlocal offset
-        if values.dtype.kind == "f" and values.itemsize not in (4, 8):
-            values = values.astype(np.float32 if values.itemsize == 2 else np.float64)
-        values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-        k = 1 if values.ndim == 1 else values.shape[1]
-        blocks.append(values)
-        element = (
-            f'<DataArray type="{_WRITTEN[values.dtype.str[1:]]}" Name={quoteattr(name)} '
-            f'NumberOfComponents="{k}" format="appended" offset="{offset}"/>\n'
-        )
-        offset += 8 + values.nbytes
-        return element
-
-    head = (
-        '<?xml version="1.0" encoding="utf-8"?>\n'
-        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+    data = Appended()
+    data.write(
+        path,
+        kind,
         f'<{kind}>\n<Piece NumberOfPoints="{n}" Number{"OfVerts" if poly else "OfCells"}="{n}">\n'
-        f"<Points>\n{array('Points', particles.world_positions())}</Points>\n<PointData>\n"
-        + "".join(array(name, values) for name, values in per_particle(particles).items())
-        + f"</PointData>\n<{cells}>\n"
-        + array("connectivity", connectivity)
-        + array("offsets", offsets)
-        + ("" if poly else array("types", np.ones(n, np.uint8)))
-        + f'</{cells}>\n</Piece>\n</{kind}>\n<AppendedData encoding="raw">\n_'
+        f"<Points>\n{data.add('Points', particles.world_positions())}</Points>\n<PointData>\n"
+        f"{data.add_all(per_particle(particles))}</PointData>\n<{cells}>\n"
+        + data.add("connectivity", connectivity)
+        + data.add("offsets", offsets)
+        + ("" if poly else data.add("types", np.ones(n, np.uint8)))
+        + f"</{cells}>\n</Piece>\n</{kind}>\n",
     )
-    with atomic_write(path) as file:
-        file.write(head.encode())
-        for values in blocks:
-            file.write(values.nbytes.to_bytes(8, "little"))
-            file.write(values.tobytes())
-        file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
 class VtkXml:

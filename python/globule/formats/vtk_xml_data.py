@@ -1,10 +1,30 @@
-"""Data of VTK XML files: base64, and blocks that zlib, lz4 or lzma have packed."""
+"""Data of VTK XML files: base64, blocks that zlib, lz4 or lzma have packed, and what is written."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
+import numpy as np
+
+from .._base.files import atomic_write
 from .guarded import need
+
+TYPES = {
+    "Int8": "i1",
+    "UInt8": "u1",
+    "Int16": "i2",
+    "UInt16": "u2",
+    "Int32": "i4",
+    "UInt32": "u4",
+    "Int64": "i8",
+    "UInt64": "u8",
+    "Float32": "f4",
+    "Float64": "f8",
+}
+_NAMES = {code: name for name, code in TYPES.items()}
 
 
 def unpack(how: str, raw: bytes, packed_sizes: list[int], sizes: list[int], stream: Stream) -> bytes:
@@ -106,3 +126,44 @@ class Stream:
         if len(raw) < size:
             raise self.bad(f"expected {size} bytes at offset {start}, got {len(raw)}")
         return raw[:size]
+
+
+class Appended:
+    """Data arrays behind the XML of a file that is written, raw and little-endian, each with its size."""
+
+    def __init__(self) -> None:
+        self.blocks: list[np.ndarray] = []
+        self.offset = 0
+
+    def add_all(self, arrays: Mapping[str, np.ndarray]) -> str:
+        """The elements of arrays by name."""
+        return "".join(self.add(name, values) for name, values in arrays.items())
+
+    def add(self, name: str, values: np.ndarray, components: bool = True) -> str:
+        """The element of an array (n,) or (n, k). components: whether it says k."""
+        if values.dtype == bool:
+            values = values.astype(np.uint8)
+        elif values.dtype.kind == "f" and values.itemsize not in (4, 8):
+            values = values.astype(np.float32 if values.itemsize == 2 else np.float64)
+        values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+        k = 1 if values.ndim == 1 else values.shape[1]
+        of = f'NumberOfComponents="{k}" ' if components else ""
+        kind = _NAMES[f"{values.dtype.kind}{values.dtype.itemsize}"]
+        element = f'<DataArray type="{kind}" Name={quoteattr(name)} {of}format="appended" offset="{self.offset}"/>\n'
+        self.blocks.append(values)
+        self.offset += 8 + values.nbytes
+        return element
+
+    def write(self, path: str | os.PathLike[str], kind: str, body: str) -> None:
+        """Write the file of a data set of this kind. body: its element."""
+        head = (
+            f'<?xml version="1.0" encoding="utf-8"?>\n<VTKFile type="{kind}" version="1.0" '
+            f'byte_order="LittleEndian" header_type="UInt64">\n{body}'
+            '<AppendedData encoding="raw">\n_'
+        )
+        with atomic_write(path) as file:
+            file.write(head.encode())
+            for values in self.blocks:
+                file.write(values.nbytes.to_bytes(8, "little"))
+                file.write(values.tobytes())
+            file.write(b"\n</AppendedData>\n</VTKFile>\n")

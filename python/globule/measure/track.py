@@ -11,7 +11,7 @@ import numpy as np
 
 from .._base.checks import positive
 from ..render.image_sequence import KeptScene
-from ..render.sequence import are_files, find_files, leader, with_frames
+from ..render.sequence import all_frames, leader
 from .mesh import in_closed_form, measured, mesh_surface
 from .surface import default_spacing, measured_particles, spheres_of, surface_scene
 
@@ -46,16 +46,13 @@ def track_surface(
 
     Raises as `mesh_surface` does, and ValueError for a pattern without files.
     """
-    if isinstance(frames, (str, os.PathLike)):
-        frames = with_frames(find_files([os.fspath(frames)]))
-    elif are_files(frames):
-        frames = with_frames(list(map(os.fspath, frames)))
-    total = len(frames) if isinstance(frames, Sized) else 0
+    every = all_frames(frames)
+    total = len(every) if isinstance(every, Sized) else 0
     spacing = None if spacing is None else positive("spacing", spacing)
     lead = None
-    if isinstance(frames, Sequence) and (at := leader(frames)):
-        lead = functools.partial(measured_particles, "frames", frames[at])
-    scenes = KeptScene(lead, grows=not isinstance(frames, Sequence))
+    if isinstance(every, Sequence) and (at := leader(every)):
+        lead = functools.partial(measured_particles, "frames", every[at])
+    scenes = KeptScene(lead, grows=not isinstance(every, Sequence))
     rows = []
 
     def made(scene: Any) -> None:
@@ -63,7 +60,7 @@ def track_surface(
         if spacing is None and scene.octree.n_inside:
             spacing = default_spacing(scene)
 
-    for number, frame in enumerate(frames):
+    for number, frame in enumerate(every):
         particles = measured_particles("frames", frame)
         scene = scenes.show(particles, lambda p: surface_scene(p, device=device, threads=threads), made)
         rows.append({"frame": number} | facts(scene, spacing))

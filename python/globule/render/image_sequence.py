@@ -34,7 +34,7 @@ from .clips import Clip
 from .fit import fitted
 from .frame import save_png
 from .render import camera_and_size, render
-from .sequence import OneOrigin, are_files, find_files, find_value_range, leader, read_ahead, with_frames
+from .sequence import OneOrigin, all_frames, are_files, find_value_range, leader, read_ahead
 from .settings import RenderSettings, as_settings, for_values
 from .trace import values_of
 
@@ -244,10 +244,7 @@ def render_sequence(
         if n_views is None:
             raise ValueError("n_frames: expected a number for an endless source, got None")
         n_frames = n_views
-    if isinstance(source, (str, os.PathLike)):
-        source = with_frames(find_files([os.fspath(source)]))
-    elif are_files(source):
-        source = with_frames(list(map(os.fspath, source))[:n_frames])
+    source = all_frames(source, n_frames)
     if color_by is not None:
         settings = for_values(settings)
         range = _range_of(source, color_by) if range is None else checked_range(range)

@@ -228,12 +228,7 @@ def find_value_range(
     Raises ValueError if a frame has no values of this name; FormatError, OSError for a file that
     cannot be read.
     """
-    if isinstance(frames, Particles):
-        frames = [frames]
-    elif isinstance(frames, (str, os.PathLike)):
-        frames = with_frames(find_files([os.fspath(frames)]))
-    elif are_files(frames):
-        frames = with_frames([os.fspath(one) for one in frames])  # type: ignore[arg-type]
+    frames = [frames] if isinstance(frames, Particles) else all_frames(frames)
     lo, hi = np.inf, -np.inf
     together = OneOrigin()
     n = len(frames) if isinstance(frames, Sized) else 0
@@ -291,6 +286,14 @@ class OneOrigin:
         if self.origin is None and len(particles):
             self.origin = particles.origin
         return particles if self.origin is None else particles.at(self.origin)
+
+
+def all_frames(frames: Any, most: int | None = None) -> Any:
+    """The frames of files that names or a pattern stand for, of at most so many names; what is none
+    of these as it is."""
+    if isinstance(frames, (str, os.PathLike)):
+        return with_frames(find_files([os.fspath(frames)]))
+    return with_frames(list(map(os.fspath, frames))[:most]) if are_files(frames) else frames
 
 
 def are_files(source: Any) -> bool:

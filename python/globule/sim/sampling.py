@@ -127,10 +127,15 @@ def _sphere_surface(center: np.ndarray, radius: float, d: float) -> np.ndarray:
     if radius <= 0:
         return center[None].copy()
     n = max(4, round(4 * np.pi * (radius / d) ** 2))
+    return center + radius * even_directions(n)
+
+
+def even_directions(n: int, turned: float = 0.0) -> np.ndarray:
+    """Unit vectors (n, 3) along a spiral around z, as many everywhere; turned: radians, about z."""
     z = 1 - (2 * np.arange(n) + 1) / n
-    turn = np.arange(n) * (np.pi * (3 - np.sqrt(5)))
+    turn = np.arange(n) * (np.pi * (3 - np.sqrt(5))) + turned
     flat = np.sqrt(1 - z * z)
-    return center + radius * np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
 
 
 def _check_open(open_faces: Any, known: tuple[str, ...]) -> None:
