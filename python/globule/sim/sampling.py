@@ -164,10 +164,14 @@ def _cylinder_surface(cylinder: Cylinder, d: float, offset: float, open_ends: An
         angle, z = np.meshgrid(np.arange(n) / n * 2 * np.pi, along, indexing="ij")
         points.append(((r * np.cos(angle)).ravel(), (r * np.sin(angle)).ravel(), z.ravel()))
     u, v, w = (np.concatenate(parts) for parts in zip(*points, strict=True))
+    return np.asarray(cylinder.start) + np.stack([u, v, w], axis=1) @ np.stack([*_across(axis), axis])
+
+
+def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors at right angles to a unit vector (3,), and to each other."""
     side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     side /= np.linalg.norm(side)
-    frame = np.stack([side, np.cross(axis, side), axis])
-    return np.asarray(cylinder.start) + np.stack([u, v, w], axis=1) @ frame
+    return side, np.cross(axis, side)
 
 
 def _plane_surface(plane: Plane, d: float, offset: float, domain: Any) -> np.ndarray:
@@ -175,12 +179,11 @@ def _plane_surface(plane: Plane, d: float, offset: float, domain: Any) -> np.nda
     lo, hi = (np.asarray(corner, float) for corner in domain)
     middle = (lo + hi) / 2
     middle = middle - plane.distance(middle[None])[0] * normal + offset * normal
-    side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    side /= np.linalg.norm(side)
+    side, other = _across(normal)
     reach = int(np.ceil(np.linalg.norm(hi - lo) / 2 / d))
     steps = np.arange(-reach, reach + 1) * d
     u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(steps, steps, indexing="ij"))
-    points = middle + u * side + v * np.cross(normal, side)
+    points = middle + u * side + v * other
     return points[((points >= lo - d) & (points <= hi + d)).all(axis=1)]
 
 
