@@ -23,19 +23,19 @@ def pixel(text: str) -> tuple[int, int]:
 
 def plane(text: str) -> ClipPlane:
     """NX,NY,NZ,D."""
-    *normal, offset = numbers(text, 4)
+    *normal, offset = numbers(text, "NX,NY,NZ,D")
     return _checked(ClipPlane, normal, offset)
 
 
 def box(text: str, keep: bool = False) -> ClipBox:
     """X0,Y0,Z0,X1,Y1,Z1."""
-    values = numbers(text, 6)
+    values = numbers(text, "X0,Y0,Z0,X1,Y1,Z1")
     return _checked(ClipBox, values[:3], values[3:], keep)
 
 
 def ball(text: str, keep: bool = False) -> ClipSphere:
     """X,Y,Z,R."""
-    *center, radius = numbers(text, 4)
+    *center, radius = numbers(text, "X,Y,Z,R")
     return _checked(ClipSphere, center, radius, keep)
 
 

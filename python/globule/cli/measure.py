@@ -46,7 +46,7 @@ def add_arguments(parser: Parser) -> None:
     add = parser.add_argument
     add("sweep", metavar="SWEEP", help="file or folder of tracked frames")
     flags.own(parser, "--distance X0,Y0,Z0,X1,Y1,Z1", "distance of the two edges or bright echoes "
-        "on the line between these points, mm, world; may be repeated", partial(numbers, n=6), [],
+        "on the line between these points, mm, world; may be repeated", partial(numbers, like="X0,Y0,Z0,X1,Y1,Z1"), [],
         action="append")  # fmt: skip
     flags.own(parser, "--width MM", "diameter of the disc over which the values along a line are "
         "averaged, mm", positive, usual="one voxel")  # fmt: skip
@@ -54,7 +54,7 @@ def add_arguments(parser: Parser) -> None:
     for name, word in (("--above", "brighter"), ("--below", "darker")):
         flags.own(side, f"{name} V", f"volume of what is {word} than this value, gray levels", number)
     flags.own(parser, "--within X,Y,Z,R", "ball whose voxels count for --above and --below: center "
-        "and radius, mm, world", partial(numbers, n=4), usual="all voxels")  # fmt: skip
+        "and radius, mm, world", partial(numbers, like="X,Y,Z,R"), usual="all voxels")  # fmt: skip
     add("--voxel-size", dest="spacing", type=positive, required=True, metavar="MM", help="edge of a voxel, mm")
     flags.add(parser, "--calibration", "default: the recording's own transforms")
     flags.add(parser, "--plus", "default: none")

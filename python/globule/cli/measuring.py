@@ -14,6 +14,7 @@ from ..data.particles import Particles
 from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
 from ..formats.triangles import has_faces
+from ..measure.samples import EXTENSIONS
 from ..measure.surface import default_spacing
 from ..pieces.scene import Scene
 from ..render.image_sequence import KeptScene
@@ -25,6 +26,7 @@ from .shared import (
     UserError,
     check_device,
     check_input,
+    check_output,
     doubled,
     first_of,
     frame_number,
@@ -60,6 +62,25 @@ def add_values(group: Any, default: str) -> None:
     """The flag of the values to sample."""
     flags.own(group, "--value NAME", "value to sample: field, inside, gradient, or a field or "
         "attribute of the particles; may be repeated", usual=default, dest="values", action="append")  # fmt: skip
+
+
+def add_image(parser: Any, *switch: str) -> None:
+    """The flags of the image of a plane. switch: a flag of the command alone, and its help."""
+    image = parser.add_argument_group("image")
+    flags.own(image, *switch)
+    flags.add(image, "--colormap", "default: auto, which is viridis", default="auto")
+    flags.add(image, "--range", "default: the lowest and the highest value")
+
+
+def check_image(options: argparse.Namespace, *names: str) -> bool:
+    """Whether -o names an image of a plane; refuses what cannot be written, and flags of images
+    beside other files."""
+    check_output("-o", options.output, (*EXTENSIONS, ".png"))
+    image = options.output.lower().endswith(".png")
+    for name in names:
+        if getattr(options, name) and not image:
+            raise UserError(f"--{name}: expected a .png beside --{name}, got {options.output}")
+    return image
 
 
 def scenes(

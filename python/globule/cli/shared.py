@@ -135,11 +135,11 @@ number = Number().parse
 vector = Vector().parse
 
 
-def numbers(text: str, n: int) -> tuple[float, ...]:
-    """n numbers with commas between them."""
+def numbers(text: str, like: str) -> tuple[float, ...]:
+    """Numbers with commas between them, as many as in "X,Y,Z"."""
     words = text.split(",")
-    if len(words) != n:
-        raise argparse.ArgumentTypeError(f"expected {n} numbers with commas, got {text!r}")
+    if len(words) != len(like.split(",")):
+        raise argparse.ArgumentTypeError(f"expected {like}, got {text!r}")
     return tuple(map(number, words))
 
 

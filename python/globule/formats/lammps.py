@@ -95,9 +95,7 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     units = {}
     if head[0].startswith("ITEM: UNITS"):  # once, before the first frame
         units = {"positions": f"LAMMPS {head[1].strip()[:20]}"}
-    found = _contents(path, where, columns, box, units, time, n_frames)
-    found.particles.names = kinds
-    return found
+    return _contents(path, where, columns, box, units, time, n_frames, kinds)
 
 
 def _yaml_frame(path: Any, lines: list[str], before: int, n_frames: int) -> Contents:
@@ -132,9 +130,7 @@ def _yaml_frame(path: Any, lines: list[str], before: int, n_frames: int) -> Cont
         box = _dump_box(path, ["", *bounds], 0, f"xy xz yz {periodic}", first["box"] - 2)
     time = _number([keys.get("time", keys.get("timestep", ""))], 0)
     units = {"positions": f"LAMMPS {keys['units'][:20]}"} if "units" in keys else {}
-    found = _contents(path, where, columns, box, units, time, n_frames)
-    found.particles.names = kinds
-    return found
+    return _contents(path, where, columns, box, units, time, n_frames, kinds)
 
 
 def _with_elements(path: Any, names: list[str], rows: list[str], first: int) -> tuple[dict[str, Any], dict]:
@@ -216,9 +212,7 @@ def read_data(path: str | os.PathLike[str], atom_style: str | None = None) -> Co
         numbers, place = np.unique(columns["type"], return_inverse=True)
         of_types = of_elements([elements[number] for number in numbers.tolist()])
         columns = _with({name: array[place] for name, array in of_types.items()}, columns)
-    found = _contents(path, f"line {at + 1}", columns, box, {}, None, 1)
-    found.particles.names = kinds
-    return found
+    return _contents(path, f"line {at + 1}", columns, box, {}, None, 1, kinds)
 
 
 def _with(of_elements: dict[str, np.ndarray], columns: dict[str, Any]) -> dict[str, Any]:
@@ -464,7 +458,9 @@ def _contents(
     units: dict[str, str],
     time: float | None,
     n_frames: int,
+    kinds: dict[str, dict[int, str]],
 ) -> Contents:
+    """kinds: the words of numbers, by the name of the column."""
     found = None
     for end in ("", "u", "s", "su"):
         names = [axis + end for axis in "xyz"]
@@ -483,4 +479,5 @@ def _contents(
         columns["radius"] = columns["diameter"] / 2
     positions = found if box is None else box.wrap(found)
     particles = particles_from(path, positions, join_columns(columns))
+    particles.names = kinds
     return Contents(particles, box, units, time, n_frames)
