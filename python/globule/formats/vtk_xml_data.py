@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -141,6 +140,8 @@ class Appended:
 
     def add(self, name: str, values: np.ndarray, components: bool = True) -> str:
         """The element of an array (n,) or (n, k). components: whether it says k."""
+        from xml.sax.saxutils import quoteattr  # it takes longer to load than a file to read
+
         if values.dtype == bool:
             values = values.astype(np.uint8)
         elif values.dtype.kind == "f" and values.itemsize not in (4, 8):
