@@ -9,8 +9,8 @@ from globule.formats.sweeps.poses import PoseTable, write_csv
 from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound import phantoms
 from globule.ultrasound.calibration import Calibration, write_calibration
-from globule.ultrasound.files import write_sweep
 from globule.ultrasound.sweep import Sweep
+from globule.ultrasound.sweep_writing import write_sweep
 from globule.volumes.files import write_volume
 from globule.volumes.volume import Volume
 from scipy.spatial.transform import Rotation

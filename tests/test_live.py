@@ -15,7 +15,8 @@ from cli_helpers import refuses, run_json
 from globule.cli import main
 from globule.cli.live import pressed_once
 from globule.formats.sweeps import igs
-from globule.ultrasound.live import LiveFrame, receive, receive_sweep
+from globule.ultrasound.live import receive, receive_sweep
+from globule.ultrasound.matching import LiveFrame
 from globule.ultrasound.recorder import Recorder
 from globule.volumes.files import read_volume
 from live_helpers import GROWS, LIVE, Server, arrived, igtl, served

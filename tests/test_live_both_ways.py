@@ -14,8 +14,10 @@ from globule.formats.sweeps import messages
 from globule.ultrasound import live, live_output, senders
 from globule.ultrasound.broadcast import Broadcaster
 from globule.ultrasound.calibration import Calibration
-from globule.ultrasound.live import LiveCounts, LiveFrame, receive_sweep
+from globule.ultrasound.live import receive_sweep
+from globule.ultrasound.live_counts import LiveCounts
 from globule.ultrasound.live_output import LiveOutput, surface
+from globule.ultrasound.matching import LiveFrame
 from globule.ultrasound.senders import Arrived, Clocks
 from globule.volumes.slices import reslice
 from interrupts import running

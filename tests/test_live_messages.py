@@ -10,7 +10,8 @@ from cli_helpers import refuses, run_json
 from globule.cli import main
 from globule.ultrasound import senders
 from globule.ultrasound.calibration import Calibration
-from globule.ultrasound.live import LiveCounts, parse_address, receive, receive_sweep
+from globule.ultrasound.live import parse_address, receive, receive_sweep
+from globule.ultrasound.live_counts import LiveCounts
 from globule.volumes.files import read_volume
 from live_helpers import GROWS, Server, arrived, igtl, served, stream, tracker_and_images
 from sweep_helpers import small_sweep
@@ -21,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("folder", "clock")
 
 
 def test_stamps_are_counted_in_a_memory_that_does_not_grow(monkeypatch):
-    monkeypatch.setattr("globule.ultrasound.live._STAMPS", 16)
+    monkeypatch.setattr("globule.ultrasound.live_counts._STAMPS", 16)
     counts = LiveCounts()
     lost = {7, 40, 41, 99}
     for i in range(200):

@@ -201,7 +201,7 @@ def test_camera_sees_what_parallel_lines_see(backend):
     ({"values": "speed"}, "values: expected one of thickness, x,.*got speed"),
     ({"values": "density"}, "values: expected one of"), ({"view": "z"}, "view: expected three numbers"),
     ({"view": (0, 0, 0)}, "view: expected a direction"), ({"volume": -1}, "volume: expected a number or"),
-    ({"volume": "one"}, "volume: expected a number or"), ({"kernel": "gauss"}, "kernel: expected murakami"),
+    ({"volume": "one"}, "volume: expected a number or"), ({"kernel": "gauss"}, "kernel: expected one of murakami"),
     ({"view": gb.Camera((0, 0, 5), (0, 0, 0)), "size": 3}, "size: expected"),
 ])  # fmt: skip
 def test_refused(arguments, message):

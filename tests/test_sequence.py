@@ -13,7 +13,8 @@ import pytest
 from cli_helpers import COMMAND, SMALL, at_edge, cube, refused, run_json
 from globule.cli import main
 from globule.pieces.shown import shown_scene
-from globule.render.sequence import find_files, is_whole, leader, missing_numbers, read_ahead, with_frames
+from globule.render.image_sequence import is_whole
+from globule.render.sequence import find_files, leader, missing_numbers, read_ahead, with_frames
 from PIL import Image
 from waiting import PATIENCE, until
 

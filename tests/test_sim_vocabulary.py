@@ -12,7 +12,7 @@ import pytest
 import tomli_w
 from globule._base.settings import Table, settings_of
 from globule._base.structured import parse_toml
-from globule.sim import instruments, scene_file
+from globule.sim import instruments, scene_bodies, scene_file
 from globule.sim.scene_file import LISTS
 from globule.sim.scene_read import FOLDER, SHIPPED, as_dict, read_scene
 from sim_helpers import tables
@@ -127,11 +127,11 @@ SCENES = {"fluids": FLUIDS, "tissue": TISSUE, "files": FILES, "atlas": ATLAS}
 PACKAGES = {"files": "trimesh", "atlas": "nilearn"}
 TABLES = {kind.__name__: kind for kind in tables()}
 ROWS = {
-    ("SceneFile", "fluids"): scene_file.Fluid, ("SceneFile", "solids"): scene_file.Solid,
-    ("SceneFile", "boundaries"): scene_file.Boundary, ("SceneFile", "rigids"): scene_file.Rigid,
+    ("SceneFile", "fluids"): scene_bodies.Fluid, ("SceneFile", "solids"): scene_bodies.Solid,
+    ("SceneFile", "boundaries"): scene_bodies.Boundary, ("SceneFile", "rigids"): scene_bodies.Rigid,
     ("SceneFile", "instruments"): instruments.Instrument, ("SceneFile", "sinks"): scene_file.Sink,
     ("SceneFile", "emitters"): scene_file.Emitter, ("SceneFile", "vessels"): scene_file.Vessel,
-    ("Solid", "fixed"): scene_file.Shape, ("Boundary", "keys"): instruments.Key,
+    ("Solid", "fixed"): scene_bodies.Shape, ("Boundary", "keys"): instruments.Key,
     ("Instrument", "keys"): instruments.Key,
 }  # fmt: skip
 
@@ -240,7 +240,7 @@ def test_every_key_is_on_the_page_and_in_the_schema():
     first = [row.split(" | ")[0] for row in page.splitlines() if row.startswith("| ")]
     named = {re.sub(r"\W", "", word) for cell in first for word in re.split("[,:]", cell)}
     assert len(tables()) > 20
-    for kind in tables() - {scene_file.Shape, scene_file.Relaxation}:
+    for kind in tables() - {scene_bodies.Shape, scene_bodies.Relaxation}:
         assert set(settings_of(kind)) <= named, kind
         assert kind.__doc__
         for name, one in settings_of(kind).items():

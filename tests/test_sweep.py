@@ -16,10 +16,11 @@ from globule.formats.sweeps.poses import PoseTable, interpolate, read_poses, wri
 from globule.formats.sweeps.transforms import format_matrix
 from globule.formats.volumes import nrrd
 from globule.ultrasound.calibration import Calibration, write_calibration
-from globule.ultrasound.files import is_sweep, read_sweep, write_sweep
+from globule.ultrasound.files import is_sweep, read_sweep
 from globule.ultrasound.marks import read_tracked
 from globule.ultrasound.region import Clip, Fan, region_mask
 from globule.ultrasound.sweep import Sweep
+from globule.ultrasound.sweep_writing import write_sweep
 from PIL import Image
 from scipy.spatial.transform import Rotation
 from sweep_helpers import random_poses, same, small_sweep, spine_data, write_recording

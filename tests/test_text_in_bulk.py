@@ -7,6 +7,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.formats import FormatError, frames, read_contents, table
+from globule.formats import rows as rows_of_tables
 from globule.formats.frames import FrameOf
 
 RNG = np.random.default_rng(41)
@@ -61,10 +62,10 @@ def test_large_tables_are_read_in_bulk_as_by_rows(name, monkeypatch):
     pytest.importorskip("pyarrow")
     Path("a.csv").write_bytes(plain_tables()[name].encode())
     expected = by_rows("a.csv")
-    bulk, found = table.parse_plain, []
+    bulk, found = rows_of_tables.parse_plain, []
     monkeypatch.setattr(table, "_PLAIN", 0)
     monkeypatch.setattr(table, "_HEAD", 200)
-    monkeypatch.setattr(table, "parse_plain", lambda *a: found.append(bulk(*a)) or found[-1])
+    monkeypatch.setattr(rows_of_tables, "parse_plain", lambda *a: found.append(bulk(*a)) or found[-1])
     got = by_rows("a.csv")
     assert any(rows is not None for rows in found) == name.startswith("plain")
     if isinstance(expected, str):

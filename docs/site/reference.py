@@ -18,7 +18,8 @@ import globule as gb
 from globule._base.settings import Each, Setting, schema_of, settings_of
 from globule.cli import build_parser
 from globule.sim.instruments import Key
-from globule.sim.scene_file import Boundary, Fluid, SceneFile, Solid
+from globule.sim.scene_bodies import Boundary, Fluid, Solid
+from globule.sim.scene_file import SceneFile
 from globule.viewer.state import state_schema
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -115,7 +116,8 @@ def python_pages() -> dict[str, str]:
         listed = ", ".join(f"{{py:obj}}`{n} <{FULL.get(n, f'globule.{n}')}>`" for n in names)
         rows.append(f"| [{title}]({file}.md) | {listed} |")
     files = [file for file, _, _ in AREAS.values()]
-    about = "All names of `import globule as gb` and of its spaces."
+    mistakes = (gb.__doc__ or "").partition("\n\n")[2]
+    about = f"All names of `import globule as gb` and of its spaces. {mistakes}"
     pages["reference/python/index.md"] = _index("Python", about, "area | names", rows, files)
     return pages
 

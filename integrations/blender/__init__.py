@@ -37,7 +37,8 @@ class Frames:
         from globule._base.structured import parse_arguments
         from globule.formats.vtk_parts import per_particle
         from globule.pieces.shown import shown_scene
-        from globule.render.sequence import KeptScene, find_files, with_frames
+        from globule.render.image_sequence import KeptScene
+        from globule.render.sequence import find_files, with_frames
 
         self.gb, self.values_of, self.shown_scene, self.asked = gb, per_particle, shown_scene, asked
         self.options = parse_arguments("Options", asked["options"])

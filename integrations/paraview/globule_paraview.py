@@ -17,8 +17,9 @@ from globule.formats.kind import kind_or_none
 from globule.formats.vtk_parts import parts_of, per_particle
 from globule.measure.surface import box_of, default_spacing
 from globule.pieces.shown import shown_scene
+from globule.render.image_sequence import KeptScene
 from globule.render.presets import PRESETS
-from globule.render.sequence import KeptScene, find_files, with_frames
+from globule.render.sequence import find_files, with_frames
 from globule.scene.scene import KERNELS, SURFACES
 from paraview.util.vtkAlgorithm import VTKPythonAlgorithmBase, smdomain, smhint, smproperty, smproxy
 from vtkmodules.util.numpy_support import numpy_to_vtk

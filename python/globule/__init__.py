@@ -1,4 +1,7 @@
-"""Mesh-free visualization: particles in, smooth exact surfaces out."""
+"""Mesh-free visualization: particles in, smooth exact surfaces out.
+
+A wrong argument or field is a TypeError or ValueError that names it, what was expected and what was
+given."""
 
 from ._base.starting import quiet_interrupts
 
@@ -45,10 +48,11 @@ if _TYPE_CHECKING:
     from .formats import FormatError, read, write
     from .formats.mesh import sample_mesh
     from .render.camera_path import CameraPath, orbit
+    from .render.image_sequence import render_sequence
     from .render.legend import add_legend
     from .render.paper import imshow
     from .render.presets import load_preset
-    from .render.sequence import find_value_range, read_ahead, render_sequence, sequence
+    from .render.sequence import find_value_range, read_ahead, sequence
     from .render.views import render_views
     from .scene.capsules import Lines, Spheres
     from .scene.rigid_bodies import RigidBodies
@@ -63,7 +67,8 @@ _LATER = {
     "render.legend": "add_legend",
     "render.paper": "imshow",
     "render.presets": "load_preset",
-    "render.sequence": "find_value_range read_ahead render_sequence sequence",
+    "render.image_sequence": "render_sequence",
+    "render.sequence": "find_value_range read_ahead sequence",
     "render.views": "render_views",
     "scene.capsules": "Lines Spheres",
     "scene.rigid_bodies": "RigidBodies",

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ._base.checks import missing
+from ._base.checks import optional
 from .pieces.scene import Scene
 from .render.camera import Camera
 from .render.frame import Frame
@@ -53,12 +53,8 @@ def add_particles(
 
     Raises:
         MissingPackageError: VTK is not installed.
-        TypeError, ValueError: naming the argument, the expected and the given value.
     """
-    try:
-        import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  # which draws what is made here
-    except ImportError:
-        raise missing("vtk", "pyvista") from None
+    optional("vtkmodules.vtkRenderingOpenGL2", "pyvista", "vtk")  # which draws what is made here
     renderer = getattr(plotter, "renderer", plotter)
     if not hasattr(renderer, "AddViewProp"):
         raise TypeError("plotter: expected a pyvista.Plotter or a vtkRenderer, "

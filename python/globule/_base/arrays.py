@@ -173,6 +173,14 @@ def dtype_name(typestr: str) -> str:
     return np.dtype(typestr).name
 
 
+def rays(origins: Any, directions: Any) -> tuple[View, View]:
+    """Origins and directions (M, 3) of rays, as many of both; directions as `unit_vectors`."""
+    o, d = view("origins", origins, 3), view("directions", directions, 3)
+    if o.shape != d.shape:
+        raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
+    return o, unit_vectors(d)
+
+
 def unit_vectors(directions: View) -> View:
     """Host directions (M, 3) of rays, whose steps are distances: refused unless they are unit
     vectors; those that are not finite or zero become NaN, rays that meet nothing."""

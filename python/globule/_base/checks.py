@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import inspect
 import math
 import operator
@@ -69,10 +70,15 @@ def named(called: _Called) -> _Called:
     return called
 
 
+def listed(names: Sequence[str]) -> str:
+    """ "a or b", "one of a, b, c"."""
+    return " or ".join(names) if len(names) < 3 else f"one of {', '.join(names)}"
+
+
 def choice(name: str, value: Any, known: Sequence[Any]) -> Any:
     """One of the known words or numbers."""
     if not isinstance(value, type(known[0])) or value not in known:
-        expected = " or ".join([", ".join(map(str, known[:-1])), str(known[-1])])
+        expected = listed(list(map(str, known)))
         raise ValueError(f"{name}: expected {expected}, got {shown(value)}{near(str(value), map(str, known))}")
     return value
 
@@ -96,6 +102,22 @@ def three(name: str, value: Any, least: float = -math.inf) -> list[float]:
     return values
 
 
+def array_of_numbers(value: Any, dtype: Any = np.float64) -> np.ndarray:
+    """An array of numbers; of what is none, an empty one, which has no expected shape."""
+    try:
+        return np.asarray(value, dtype)
+    except (TypeError, ValueError, OverflowError):
+        return np.empty(0, dtype)
+
+
+def numeric(name: str, value: Any, expected: str = "numbers") -> np.ndarray:
+    """An array of float64, of any shape; anything else is a TypeError."""
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise TypeError(f"{name}: expected {expected}, got {shown(value)}") from None
+
+
 def unit(name: str, value: Any) -> list[float]:
     """A direction, made of unit length."""
     v = np.asarray(three(name, value), np.float64)
@@ -105,16 +127,22 @@ def unit(name: str, value: Any) -> list[float]:
     return [float(x) for x in v / length]
 
 
+def as_float(value: Any) -> float:
+    """A number as float, also an infinite one or NaN; what is none is a TypeError or ValueError."""
+    if isinstance(value, (str, bytes, bool, np.bool_)):
+        raise TypeError
+    try:
+        return float(value)
+    except OverflowError:  # a whole number beyond all floats
+        return math.inf
+
+
 def number(name: str, value: Any, least: float = -math.inf, most: float = math.inf) -> float:
     """A finite number in [least, most]."""
     try:
-        if isinstance(value, (str, bytes, bool, np.bool_)):
-            raise TypeError
-        v = float(value)
+        v = as_float(value)
     except (TypeError, ValueError):
         raise TypeError(f"{name}: expected a number, got {shown(value)}") from None
-    except OverflowError:  # a whole number beyond all floats
-        v = math.inf
     if not (math.isfinite(v) and least <= v <= most):
         raise ValueError(f"{name}: expected {_range(least, most)}, got {shown(value)}")
     return v
@@ -148,6 +176,22 @@ def image_size(value: Any) -> tuple[int, int]:
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
         raise ValueError(f"size: expected 1 to {MAX_PIXELS:,} pixels, got {width}x{height}")
     return width, height
+
+
+def corners(name: str, value: Any, dtype: Any = np.float64) -> np.ndarray:
+    """Two finite corners (2, 3) of a box, the first one lower or equal along every axis."""
+    box = array_of_numbers(value, dtype)
+    if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
+        raise ValueError(f"{name}: expected two finite corners ((x, y, z), (x, y, z)), got {shown(value)}")
+    return box
+
+
+def as_image(value: Any) -> np.ndarray:
+    """An image of 8 bits, perhaps with alpha."""
+    image = np.asarray(value)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
+        raise ValueError(f"image: expected (H, W, 3) or (H, W, 4) uint8, got {image.dtype} {image.shape}")
+    return image
 
 
 def positive(name: str, value: Any) -> float:
@@ -191,6 +235,15 @@ def how_to_install(extra: str) -> str:
 
 class MissingPackageError(ImportError):
     """An optional package is not installed; the message gives the pip command that adds it."""
+
+
+def optional(module: str, extra: str, package: str = "") -> Any:
+    """A module of an optional package. Raises MissingPackageError; arguments as of `missing`, the
+    package's name being the module's unless it is given."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise missing(package or module, extra) from None
 
 
 def missing(package: str, extra: str) -> MissingPackageError:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .checks import shown
+from .checks import choice
 from .elements import ELEMENTS
 
 if TYPE_CHECKING:
@@ -39,8 +39,7 @@ def colorize(values: ArrayLike, name: str, lo: float, hi: float) -> np.ndarray:
 
     Raises ValueError for an unknown map.
     """
-    if not isinstance(name, str) or name not in NAMES:
-        raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {shown(name)}")
+    choice("colormap", name, NAMES)
     v = np.asarray(values, dtype=np.float64)
     if name in CATEGORICAL:
         return _of_kinds(v, name)

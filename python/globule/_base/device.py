@@ -8,7 +8,7 @@ import os
 from typing import NamedTuple
 
 from .. import _core
-from .checks import shown
+from .checks import choice, shown
 
 log = logging.getLogger("globule")
 _told = False
@@ -75,8 +75,7 @@ def _cpu() -> Device:
     if not levels:
         raise RuntimeError("no CPU backend runs here: the processor is older than x86-64-v2")
     level = os.environ.get("GLOBULE_SIMD", levels[-1])
-    if level not in levels:
-        raise ValueError(f"GLOBULE_SIMD: expected one of {', '.join(levels)}, got {level!r}")
+    choice("GLOBULE_SIMD", level, levels)
     return Device(f"cpu_{level}", 0, _core.describe(f"cpu_{level}", 0)[1])
 
 

@@ -57,3 +57,22 @@ def fixed(value: Any) -> Any:
         value = value.copy()
         value.flags.writeable = False
     return value
+
+
+class Checked(dict[str, Any]):
+    """A dictionary whose `__setitem__` checks what is assigned, in whatever way."""
+
+    def update(self, *args: Any, **kwargs: Any) -> None:
+        """Assign each of several values."""
+        for name, value in dict(*args, **kwargs).items():
+            self[name] = value
+
+    def setdefault(self, name: str, default: Any = None) -> Any:
+        """The value of a name, assigned first where there is none."""
+        if name not in self:
+            self[name] = default
+        return self[name]
+
+    def __ior__(self, other: Any) -> Any:  # type: ignore[misc]  # not a plain dict
+        self.update(other)
+        return self

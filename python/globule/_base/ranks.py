@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import missing
+from .checks import optional
 
 
 class Alone:
@@ -163,10 +163,7 @@ class Ranks(Alone):
     """The ranks of an mpi4py communicator."""
 
     def __init__(self, comm: Any):
-        try:
-            from mpi4py import MPI
-        except ImportError:
-            raise missing("mpi4py", "mpi") from None
+        MPI = optional("mpi4py.MPI", "mpi", "mpi4py")
         if not isinstance(comm, MPI.Intracomm):
             raise TypeError(f"comm: expected an mpi4py communicator, got {type(comm).__name__}")
         self._comm, self._mpi = comm, MPI

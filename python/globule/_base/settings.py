@@ -7,18 +7,19 @@ property of a JSON Schema.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import inspect
 import math
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, replace
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from .checks import shown
+from .checks import as_float, listed, shown
 from .colormaps import hex_color, to_linear
 
 Path = tuple[Any, ...]  # ("fluids", 0, "box", "lo")
@@ -54,11 +55,6 @@ def sentence(words: str) -> str:
 def unlinked(words: str) -> str:
     """Markdown without links."""
     return re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", words)
-
-
-def listed(names: Sequence[str]) -> str:
-    """ "a or b", "one of a, b, c"."""
-    return " or ".join(names) if len(names) < 3 else f"one of {', '.join(names)}"
 
 
 # Kinds of values
@@ -122,13 +118,9 @@ class Number(Kind):
 
     def _take(self, value: Any) -> Any:
         try:
-            if isinstance(value, (str, bytes, bool, np.bool_)):
-                raise TypeError
-            v = float(value)
+            v = as_float(value)
         except (TypeError, ValueError):
             raise self.wrong(value, WrongType) from None
-        except OverflowError:  # a whole number beyond all floats
-            v = math.inf
         if not (math.isfinite(v) and self.least <= v <= self.most and v > self.above):
             raise self.wrong(value)
         return v
@@ -414,18 +406,25 @@ def settings_of(table: Any) -> dict[str, Setting]:
     return found
 
 
+@contextlib.contextmanager
+def at(*path: str | int) -> Iterator[None]:
+    """Errors in this block begin with the path."""
+    try:
+        yield
+    except Problem as problem:
+        raise type(problem)((*path, *problem.path), problem.message) from None
+    except ValueError as error:
+        raise Problem(path, str(error)) from None
+
+
 def checked(kind: Any, value: Any, path: Path = ()) -> Any:
     """What a kind makes of a value; NumPy's numbers and arrays count as numbers and lists. Its
     errors begin with the path."""
     if isinstance(kind, type):
         return read_table(kind, value, path)
     value = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
-    try:
+    with at(*path):
         return kind(value)
-    except Problem as problem:
-        raise type(problem)((*path, *problem.path), problem.message) from None
-    except ValueError as error:
-        raise Problem(path, str(error)) from None
 
 
 def check_all(table: Any) -> dict[str, Any]:
@@ -468,12 +467,8 @@ def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
     for name, one in known.items():
         if name not in value and one.required:
             raise Problem(path, f"expected the key {name}, got none")
-    try:
+    with at(*path):
         return kind(**value)
-    except Problem as problem:
-        raise type(problem)((*path, *problem.path), problem.message) from None
-    except ValueError as error:
-        raise Problem(path, str(error)) from None
 
 
 # What is made of them

@@ -6,6 +6,7 @@ import ast
 import json
 import os
 import sys
+from collections.abc import Callable
 from typing import Any
 
 if sys.version_info >= (3, 11):
@@ -55,27 +56,20 @@ def parse_arguments(what: str, text: str) -> dict[str, Any]:
 
 def parse_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text. Raises ValueError that names the line."""
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise ValueError(_TOO_DEEP) from None
-    except tomllib.TOMLDecodeError:
-        raise
-    except ValueError as error:  # Python's own, of a whole number
-        if "integer string conversion" not in str(error):
-            raise
-        raise ValueError(_TOO_LONG) from None
+    return _parsed(tomllib.loads, text)
 
 
 def parse_json(text: str | bytes) -> Any:
     """What a JSON text holds. Raises ValueError that names the line."""
+    return _parsed(json.loads, text)
+
+
+def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
     try:
-        return json.loads(text)
+        return parse(text)
     except RecursionError:
         raise ValueError(_TOO_DEEP) from None
-    except json.JSONDecodeError:
-        raise
     except ValueError as error:
-        if "integer string conversion" not in str(error):
-            raise
-        raise ValueError(_TOO_LONG) from None
+        if type(error) is ValueError and "integer string conversion" in str(error):  # Python's own
+            raise ValueError(_TOO_LONG) from None
+        raise

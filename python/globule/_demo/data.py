@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..sim.sampling import even_directions
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
@@ -237,10 +239,7 @@ def _ball(center: ArrayLike, radius: float, s: float) -> np.ndarray:
     shells = [np.zeros((1, 3))]
     for k in range(1, n_shells + 1):
         n = max(4, round(2 * TAU * (k * step / s) ** 2))
-        z = 1 - (2 * np.arange(n) + 1) / n
-        turn = np.arange(n) * (np.pi * (3 - np.sqrt(5))) + k
-        flat = np.sqrt(1 - z * z)
-        shells.append(np.stack([flat * np.cos(turn), z, flat * np.sin(turn)], axis=1) * (k * step))
+        shells.append(even_directions(n, k)[:, [0, 2, 1]] * (k * step))
     return np.concatenate(shells) + np.asarray(center, float)
 
 

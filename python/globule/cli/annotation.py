@@ -41,13 +41,8 @@ def views(text: str) -> tuple[str, ...]:
 
 def add_views(group: Any) -> None:
     """The flag of several views."""
-    group.add_argument(
-        "--views",
-        type=views,
-        metavar="NAME,NAME…",
-        help="several views in one image, each from its own direction: " + ", ".join(VIEWS) + "; "
-        "orthographic but for iso (default: none, one view)",
-    )
+    flags.own(group, "--views NAME,NAME…", "several views in one image, each from its own "
+        f"direction: {', '.join(VIEWS)}; orthographic but for iso", views, usual="none, one view")  # fmt: skip
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

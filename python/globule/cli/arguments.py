@@ -10,7 +10,7 @@ from typing import Any
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
 from ..render.presets import GROUNDS
 from . import look
-from .shared import number
+from .shared import number, numbers
 
 
 def pixel(text: str) -> tuple[int, int]:
@@ -23,19 +23,19 @@ def pixel(text: str) -> tuple[int, int]:
 
 def plane(text: str) -> ClipPlane:
     """NX,NY,NZ,D."""
-    *normal, offset = _numbers(text, 4)
+    *normal, offset = numbers(text, "NX,NY,NZ,D")
     return _checked(ClipPlane, normal, offset)
 
 
 def box(text: str, keep: bool = False) -> ClipBox:
     """X0,Y0,Z0,X1,Y1,Z1."""
-    values = _numbers(text, 6)
+    values = numbers(text, "X0,Y0,Z0,X1,Y1,Z1")
     return _checked(ClipBox, values[:3], values[3:], keep)
 
 
 def ball(text: str, keep: bool = False) -> ClipSphere:
     """X,Y,Z,R."""
-    *center, radius = _numbers(text, 4)
+    *center, radius = numbers(text, "X,Y,Z,R")
     return _checked(ClipSphere, center, radius, keep)
 
 
@@ -54,13 +54,6 @@ def beside(text: str) -> tuple[str, look.Color | None]:
             expected = "FILE or FILE:COLOR, COLOR being R,G,B or V or #rrggbb"
             raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}") from None
         return text, None
-
-
-def _numbers(text: str, n: int) -> list[float]:
-    words = text.split(",")
-    if len(words) != n:
-        raise argparse.ArgumentTypeError(f"expected {n} numbers with commas, got {text!r}")
-    return [number(word) for word in words]
 
 
 def _checked(clip: Callable[..., Any], *values: Any) -> Any:

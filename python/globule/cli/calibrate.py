@@ -35,7 +35,7 @@ from ..ultrasound.wires import NWirePhantom, WirePoints, read_phantom, write_pha
 from . import flags
 from .calibration_lines import lines_of
 from .parser import Parser
-from .shared import UserError, check_output, mistakes, positive, print_json, warn
+from .shared import UserError, check_output, mistakes, positive, print_json, readable, warn
 
 SUMMARY = "marked pixels, wires or motion to the calibration of a probe"
 USAGE = "[MARKS]"
@@ -88,12 +88,8 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run `globule calibrate`."""
     _check(options)
-    try:
-        with mistakes():
-            report = _report(options)
-    except OSError as error:
-        name = error.filename or options.marks or options.sweep
-        raise UserError(f"{name}: cannot be read: {error.strerror or error}") from error
+    with readable(options.marks or options.sweep):
+        report = _report(options)
     for message in report["warnings"]:
         warn(message)
     if options.json:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import box_corners
 from .._base.terminal import place_text, plain_number
 from ..data.particles import SCALAR_FIELDS, Particles
 from ..data.spacing import n_coincident
@@ -147,7 +148,7 @@ def _camera(path: str, particles: Particles, scene: Scene, surface: str) -> Came
     if kind_of(path).kind == "volume":
         return None
     if has_faces(path):
-        return Camera.fit(np.array(np.meshgrid(*np.transpose(particles.bounds()))).reshape(3, -1).T)
+        return Camera.fit(box_corners(*particles.bounds()))
     own = particles.support is not None or particles.anisotropy is not None
     if own and surface == "balls":
         scene = shown_scene(particles, device="cpu")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import box_corners
 from .._base.colormaps import categorical
 from .._base.settings import SHARE
 from .._base.terminal import plain_number
@@ -232,7 +233,7 @@ def _inside(crop: ClipBox, scene: Scene | Mesh, box: Any) -> Any:
     hi = np.minimum(points.max(axis=0), crop.hi)
     if (lo > hi).any():
         return box
-    return np.array(np.meshgrid(*np.transpose((lo, hi)))).reshape(3, -1).T
+    return box_corners(lo, hi)
 
 
 def say_picked(options: argparse.Namespace, seen: dict[str, Any] | None) -> str:

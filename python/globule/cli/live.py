@@ -16,7 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ..ultrasound.live import NO_IMAGE, LiveCounts, LiveFrame, parse_address, receive_sweeps
+from ..ultrasound.live import NO_IMAGE, parse_address, receive_sweeps
+from ..ultrasound.live_counts import LiveCounts
+from ..ultrasound.matching import LiveFrame
 from ..ultrasound.pose_check import check_poses
 from ..ultrasound.sweep import Sweep
 from ..volumes.files import write_volume

@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 from ..volumes.volume import FAR
@@ -26,6 +27,7 @@ from .shared import (
     check_voxel_size,
     mistakes,
     number,
+    numbers,
     positive,
     print_json,
     read_sweep_file,
@@ -39,35 +41,20 @@ EXAMPLES = """\
   globule measure lesion.npz --voxel-size 1 --below 100 --within 0,14,0,8.5 --json"""
 
 
-def _numbers(n: int) -> Any:
-    def numbers(text: str) -> tuple[float, ...]:
-        words = text.split(",")
-        if len(words) != n:
-            raise argparse.ArgumentTypeError(f"expected {n} numbers, got {text!r}")
-        return tuple(number(word) for word in words)
-
-    return numbers
-
-
 def add_arguments(parser: Parser) -> None:
     """The arguments of `globule measure`."""
     add = parser.add_argument
     add("sweep", metavar="SWEEP", help="file or folder of tracked frames")
     flags.own(parser, "--distance X0,Y0,Z0,X1,Y1,Z1", "distance of the two edges or bright echoes "
-        "on the line between these points, mm, world; may be repeated", _numbers(6), [],
+        "on the line between these points, mm, world; may be repeated", partial(numbers, like="X0,Y0,Z0,X1,Y1,Z1"), [],
         action="append")  # fmt: skip
     flags.own(parser, "--width MM", "diameter of the disc over which the values along a line are "
         "averaged, mm", positive, usual="one voxel")  # fmt: skip
     side = parser.add_mutually_exclusive_group()
     for name, word in (("--above", "brighter"), ("--below", "darker")):
-        side.add_argument(
-            name,
-            type=number,
-            metavar="V",
-            help=f"volume of what is {word} than this value, gray levels (default: none)",
-        )
+        flags.own(side, f"{name} V", f"volume of what is {word} than this value, gray levels", number)
     flags.own(parser, "--within X,Y,Z,R", "ball whose voxels count for --above and --below: center "
-        "and radius, mm, world", _numbers(4), usual="all voxels")  # fmt: skip
+        "and radius, mm, world", partial(numbers, like="X,Y,Z,R"), usual="all voxels")  # fmt: skip
     add("--voxel-size", dest="spacing", type=positive, required=True, metavar="MM", help="edge of a voxel, mm")
     flags.add(parser, "--calibration", "default: the recording's own transforms")
     flags.add(parser, "--plus", "default: none")
@@ -116,12 +103,9 @@ def run(options: argparse.Namespace) -> None:
         sweep = read_sweep_file(options.sweep, calibration=options.calibration, plus=options.plus)
         check_voxel_size(options.spacing, sweep)
         progress.step("reconstructing")
-        try:
-            with mistakes():
-                volume = reconstruct(sweep, spacing=options.spacing, device=options.device, threads=options.threads)
-                length = find_error_length(sweep, options.spacing)
-        except MemoryError as error:
-            raise UserError(str(error)) from error
+        with mistakes("", MemoryError):
+            volume = reconstruct(sweep, spacing=options.spacing, device=options.device, threads=options.threads)
+            length = find_error_length(sweep, options.spacing)
         progress.step("measuring")
         report: dict[str, Any] = {"input": options.sweep, "error_length": length, "distances": []}
         for line in options.distance:

@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from .._base.checks import missing
+from .._base.checks import optional
 from ..data.particles import Particles
 from ..formats.frames import FrameOf
 from ..formats.kind import kind_of
 from ..formats.triangles import has_faces
+from ..measure.samples import EXTENSIONS
 from ..measure.surface import default_spacing
 from ..pieces.scene import Scene
-from ..render.sequence import KeptScene, find_files, leader, read_ahead, with_frames
+from ..render.image_sequence import KeptScene
+from ..render.sequence import find_files, leader, read_ahead, with_frames
 from . import flags, look, surfaces
 from .parser import Parser
 from .shared import (
@@ -24,6 +26,7 @@ from .shared import (
     UserError,
     check_device,
     check_input,
+    check_output,
     doubled,
     first_of,
     frame_number,
@@ -43,13 +46,7 @@ from .volumes import check_surface, is_surface, read_surface
 
 def add_surface(parser: Parser) -> None:
     """The flags that say which surface is measured, and where it is computed."""
-    surface = parser.add_argument_group("surface")
-    flags.add(surface, "--kernel", "default: murakami", default="murakami")
-    flags.add(surface, "--support", "default: the file's, else two spacings")
-    flags.add(surface, "--threshold", "default: by kernel")
-    surfaces.add_arguments(surface)
-    flags.own(surface, "--anisotropic", "smooth the particles and stretch their kernels along the "
-        "surface (Yu and Turk 2013)")  # fmt: skip
+    surfaces.add_arguments(parser)
     flags.add_reading(parser)
     flags.add_device(parser.add_argument_group("machine"))
 
@@ -63,14 +60,27 @@ def add_sample_spacing(group: Any) -> None:
 
 def add_values(group: Any, default: str) -> None:
     """The flag of the values to sample."""
-    group.add_argument(
-        "--value",
-        dest="values",
-        action="append",
-        metavar="NAME",
-        help="value to sample: field, inside, gradient, or a field or attribute of the particles; "
-        f"may be repeated (default: {default})",
-    )
+    flags.own(group, "--value NAME", "value to sample: field, inside, gradient, or a field or "
+        "attribute of the particles; may be repeated", usual=default, dest="values", action="append")  # fmt: skip
+
+
+def add_image(parser: Any, *switch: str) -> None:
+    """The flags of the image of a plane. switch: a flag of the command alone, and its help."""
+    image = parser.add_argument_group("image")
+    flags.own(image, *switch)
+    flags.add(image, "--colormap", "default: auto, which is viridis", default="auto")
+    flags.add(image, "--range", "default: the lowest and the highest value")
+
+
+def check_image(options: argparse.Namespace, *names: str) -> bool:
+    """Whether -o names an image of a plane; refuses what cannot be written, and flags of images
+    beside other files."""
+    check_output("-o", options.output, (*EXTENSIONS, ".png"))
+    image = options.output.lower().endswith(".png")
+    for name in names:
+        if getattr(options, name) and not image:
+            raise UserError(f"--{name}: expected a .png beside --{name}, got {options.output}")
+    return image
 
 
 def scenes(
@@ -228,11 +238,8 @@ def numbered(
 
 def need_matplotlib() -> None:
     """Refuse to plot without matplotlib, before any work."""
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError:
-        with mistakes():
-            raise missing("matplotlib", "figures") from None
+    with mistakes():
+        optional("matplotlib.figure", "figures", "matplotlib")
 
 
 def plot(options: argparse.Namespace, table: dict[str, Any], names: Sequence[str], ylabel: str) -> None:

@@ -15,12 +15,12 @@ from ..formats.volumes import READABLE as READABLE_VOLUMES
 from ..formats.volumes import WRITABLE as WRITABLE_VOLUMES
 from ..formats.volumes import check_name
 from ..ultrasound.files import EXTENSIONS as READABLE_SWEEPS
-from ..ultrasound.files import WRITABLE as SWEEPS
-from ..ultrasound.files import write_sweep
+from ..ultrasound.sweep_writing import WRITABLE as SWEEPS
+from ..ultrasound.sweep_writing import write_sweep
 from ..ultrasound.trust import check_poses
 from ..volumes.files import write_volume
 from ..volumes.slices import save_three_view
-from .shared import UserError, check_output, count, mistakes, read_sweep_file, read_volume_file
+from .shared import UserError, check_output, count, mistakes, read_sweep_file, read_volume_file, readable
 
 WRITABLE = (*SWEEPS, *WRITABLE_VOLUMES, ".png")
 
@@ -31,11 +31,9 @@ EXTENSIONS = tuple(dict.fromkeys((*SWEEPS, *READABLE_SWEEPS, *READABLE_VOLUMES))
 def kind_of(path: str) -> str | None:
     """ "sweep", "volume", or None for everything else. Raises UserError for a file that cannot be
     read."""
-    try:
+    with readable(path, "expected a file to read, got"):
         found = kind_or_none(path)
         return found.kind if found and found.kind in ("sweep", "volume") else None
-    except OSError as error:
-        raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
 
 
 def describe(path: str, kind: str) -> dict[str, Any]:
@@ -122,11 +120,8 @@ def _sweep(path: str) -> dict[str, Any]:
     sweep = None
     found = kind_or_none(path)
     if found is not None and found.format in ("metaimage", "nrrd"):
-        try:
-            with mistakes():
-                recording = igs.read(path)
-        except OSError as error:
-            raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
+        with readable(path):
+            recording = igs.read(path)
         frames, times = recording.frames, recording.times
         facts["transforms"] = sorted(f"{a}To{b}" for a, b in recording.edges)
         if any(find_path(recording.edges, "Image", world) for world in WORLDS):

@@ -24,7 +24,7 @@ from ..scene.capsules import Lines, Spheres
 from ..scene.mesh import Mesh
 from ..scene.rigid_bodies import RigidBodies
 from . import flags, look
-from .shared import UserError, check_input, count, mistakes, read_particles, stem, warn
+from .shared import UserError, check_input, count, mistakes, read_particles, readable, stem, warn
 
 _THIN = 1 / 400  # default radius of lines, of their box's diagonal
 _SAMPLES = 1000  # particles at which a mesh is tested for whether it surrounds them
@@ -43,19 +43,10 @@ _OF_PARTICLES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of meshes."""
     group = parser.add_argument_group("triangle meshes")
-    add = group.add_argument
-    add(
-        "--mesh",
-        dest="meshes",
-        type=mesh,
-        action="append",
-        default=[],
-        metavar="FILE[:MATERIAL]",
-        help="triangles of a second file (.stl .obj .ply .glb .vtk .vtp), world units, or a folder "
-        "rigid_bodies of SPlisHSPlasH, whose bodies follow the number in the input's name; "
-        f"MATERIAL is {', '.join(PRESETS)}; --clip cuts them too; may be repeated up to 3 times "
-        "(default: none)",
-    )
+    flags.own(group, "--mesh FILE[:MATERIAL]", "triangles of a second file (.stl .obj .ply .glb .vtk "
+        ".vtp), world units, or a folder rigid_bodies of SPlisHSPlasH, whose bodies follow the number "
+        f"in the input's name; MATERIAL is {', '.join(PRESETS)}; --clip cuts them too; may be "
+        "repeated up to 3 times", mesh, [], dest="meshes", action="append")  # fmt: skip
     flags.own(group, "--spheres FILE[:RADIUS]", "plain spheres at the particles of a second file, "
         "world units", functools.partial(_with_radius, "spheres"), [],
         usual="the file's radii, else half a spacing", action="append")  # fmt: skip
@@ -112,34 +103,22 @@ def check_mesh(path: str, options: argparse.Namespace) -> None:
 
 def read_mesh(path: str, options: argparse.Namespace, solid: bool | None = None) -> Mesh:
     """The mesh of a file. Raises UserError if it cannot be read."""
-    try:
-        with mistakes():
-            machine: dict[str, Any] = {"device": options.device, "threads": options.threads}
-            origin = "auto" if options.origin is None else options.origin
-            mesh = Mesh(path, solid=solid, origin=origin, **machine)
-            options.origin = mesh.origin  # all others stand where this one does
-            return mesh
-    except FormatError as error:
-        raise UserError(str(error)) from error
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
+    with readable(path):
+        origin = "auto" if options.origin is None else options.origin
+        mesh = Mesh(path, solid=solid, origin=origin, device=options.device, threads=options.threads)
+        options.origin = mesh.origin  # all others stand where this one does
+        return mesh
 
 
 def read_bodies(path: str, options: argparse.Namespace) -> RigidBodies:
     """The rigid bodies of a folder. Raises UserError if it cannot be read."""
-    try:
-        with mistakes():
-            bodies = RigidBodies(path, device=options.device, threads=options.threads)
-            if options.origin:
-                pose = np.eye(4)
-                pose[:3, 3] -= options.origin
-                bodies.together.pose = pose
-            return bodies
-    except FormatError as error:
-        raise UserError(str(error)) from error
-    except OSError as error:
-        what = error.filename or path
-        raise UserError(f"{what}: cannot be read: {error.strerror or error}") from error
+    with readable(path):
+        bodies = RigidBodies(path, device=options.device, threads=options.threads)
+        if options.origin:
+            pose = np.eye(4)
+            pose[:3, 3] -= options.origin
+            bodies.together.pose = pose
+        return bodies
 
 
 def place(moving: list[RigidBodies], path: str, i: int) -> None:

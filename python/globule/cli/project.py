@@ -19,10 +19,8 @@ from . import flags, measuring, slice
 from .parser import Parser
 from .shared import (
     Progress,
-    UserError,
     check_device,
     check_input,
-    check_output,
     direction,
     doubled,
     first_of,
@@ -54,10 +52,7 @@ def add_arguments(parser: Parser) -> None:
     flags.own(volume, "--particle-volume V", "volume of every particle, world units cubed",
         positive, usual="mass over density, else the spacing cubed", dest="volume")  # fmt: skip
     flags.add(volume, "--particle-spacing", "default: measured")
-    image = parser.add_argument_group("image")
-    flags.own(image, "--log", "color by the decimal logarithm")
-    flags.add(image, "--colormap", "default: auto, which is viridis", default="auto")
-    flags.add(image, "--range", "default: the lowest and the highest value")
+    measuring.add_image(parser, "--log", "color by the decimal logarithm")
     flags.add(parser, "--json")
     surface = parser.add_argument_group("kernel")
     flags.add(surface, "--kernel", "default: cubic_spline", default="cubic_spline")
@@ -68,11 +63,7 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run `globule project`."""
-    image = options.output.lower().endswith(".png")
-    check_output("-o", options.output, (*EXTENSIONS, ".png"))
-    for name in ("log", "range"):
-        if getattr(options, name) and not image:
-            raise UserError(f"--{name}: expected a .png beside --{name}, got {options.output}")
+    image = measuring.check_image(options, "log", "range")
     check_device(options)
     measuring.need_no_faces(options.file, options)
     check_input(options.file, list(reading(options)))

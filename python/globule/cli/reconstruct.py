@@ -43,6 +43,7 @@ from .shared import (
     positive,
     print_json,
     read_sweep_file,
+    readable,
     say,
     warn,
 )
@@ -91,13 +92,8 @@ def add_arguments(parser: Parser) -> None:
     grid = method.add_mutually_exclusive_group()
     flags.own(grid, "--voxel-size MM", "edge of a voxel, mm", positive, usual="from --voxels",
         dest="spacing")  # fmt: skip
-    grid.add_argument(
-        "--voxels",
-        dest="size",
-        type=int,
-        metavar="N",
-        help=f"number of voxels along the longest axis (default: {DEFAULT_SIZE})",
-    )
+    flags.own(grid, "--voxels N", "number of voxels along the longest axis", int,
+        usual=str(DEFAULT_SIZE), dest="size")  # fmt: skip
     flags.own(method, "--bounds X0,Y0,Z0,X1,Y1,Z1", "lowest and highest corner of the volume, mm, "
         "world", numbers, usual="around all pixels", dest="region")  # fmt: skip
     flags.own(method, "--volume-axes NAME", "axes of the volume: world; sweep: along the sweep, "
@@ -389,13 +385,11 @@ def _stating(progress: Progress) -> Iterator[None]:
 def _fitting(name: str | None = None) -> Iterator[None]:
     """Turn what the library refuses, and a volume larger than the memory, into a UserError; name:
     of the file that says the volume's size."""
-    try:
-        with mistakes():
+    with readable(name or ""):  # the name, or a picture that the configuration names
+        try:
             yield
-    except MemoryError as error:
-        raise UserError(f"{name}: {error}" if name else str(error)) from error
-    except OSError as error:  # a picture that the configuration names
-        raise UserError(f"{error.filename}: cannot be read: {error.strerror}") from error
+        except MemoryError as error:
+            raise UserError(f"{name}: {error}" if name else str(error)) from error
 
 
 def _cross_validate(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> dict[str, Any]:

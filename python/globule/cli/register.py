@@ -12,11 +12,13 @@ in `globule reconstruct`. --sweep-output writes the joined sweep for other metho
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
+from collections.abc import Iterator
 from typing import Any
 
 from ..formats.volumes import WRITABLE, check_name
-from ..ultrasound.files import WRITABLE as SWEEPS
+from ..ultrasound.sweep_writing import WRITABLE as SWEEPS
 from . import flags
 from .parser import Parser
 from .shared import (
@@ -45,13 +47,8 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("sweeps", nargs="+", metavar="SWEEP", help="tracked frames, two or more")
     flags.add(parser, "--output", "volume of all sweeps; default: none")
     flags.own(parser, "--sweep-output PATH", "also write the joined sweep")
-    parser.add_argument(
-        "--voxel-size",
-        dest="spacing",
-        type=positive,
-        metavar="MM",
-        help=f"edge of a voxel, mm (default: {_SIZE} along the longest axis)",
-    )
+    flags.own(parser, "--voxel-size MM", "edge of a voxel, mm", positive,
+        usual=f"{_SIZE} along the longest axis", dest="spacing")  # fmt: skip
     flags.own(parser, "--max-registration-error MM", "largest expected error of a registration "
         "that is accepted, mm", positive, usual="two voxels of the registration",
         dest="max_error")  # fmt: skip
@@ -94,15 +91,12 @@ def run(options: argparse.Namespace) -> None:
         if options.output:
             progress.step("reconstructing")
             grid: dict[str, Any] = {"size": _SIZE} if options.spacing is None else {"spacing": options.spacing}
-            try:
-                with mistakes():
-                    volume = reconstruct(joined, device=options.device, threads=options.threads, **grid)
-            except MemoryError as error:
-                raise UserError(str(error)) from error
+            with mistakes("", MemoryError):
+                volume = reconstruct(joined, device=options.device, threads=options.threads, **grid)
             with mistakes():
                 write_volume(options.output, volume)
         if options.sweep_output:
-            from ..ultrasound.files import write_sweep
+            from ..ultrasound.sweep_writing import write_sweep
 
             with mistakes():
                 write_sweep(options.sweep_output, joined)
@@ -132,21 +126,16 @@ def run(options: argparse.Namespace) -> None:
         print(f"{options.output}: {size} voxels of {edge:.4g} mm, {count(joined.n_valid, 'frame')}")
 
 
-class _naming:
+@contextlib.contextmanager
+def _naming(names: list[str]) -> Iterator[None]:
     """Messages about `sweeps[i]` name the file."""
-
-    def __init__(self, names: list[str]):
-        self.names = names
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        if isinstance(error, UserError):
-            text = str(error)
-            for i, name in enumerate(self.names):
-                text = text.replace(f"sweeps[{i}]", name)
-            raise UserError(text) from error
+    try:
+        yield
+    except UserError as error:
+        text = str(error)
+        for i, name in enumerate(names):
+            text = text.replace(f"sweeps[{i}]", name)
+        raise UserError(text) from error
 
 
 def _check(options: argparse.Namespace) -> None:

@@ -126,13 +126,7 @@ def add_look(parser: Parser) -> None:
     flags.add(camera, "--fov", "default: 40")
     flags.add(camera, "--ortho", "default: none, a perspective camera")
     annotation.add_views(camera)
-    surface = parser.add_argument_group("surface")
-    flags.add(surface, "--kernel", "default: murakami", default="murakami")
-    flags.add(surface, "--support", "default: the file's, else two spacings")
-    flags.add(surface, "--threshold", "default: by kernel")
-    surfaces.add_arguments(surface)
-    flags.own(surface, "--anisotropic", "smooth the particles and stretch their kernels along the "
-        "surface (Yu and Turk 2013)")  # fmt: skip
+    surfaces.add_arguments(parser)
     tree = parser.add_argument_group("octree")
     flags.own(tree, "--octree NAME", "kind of octree: sparse or dense", ("sparse", "dense"),
         usual="sparse; dense with --root march or bezier")  # fmt: skip

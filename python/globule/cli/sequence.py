@@ -21,17 +21,8 @@ from ..formats.pictures.video import need_av
 from ..pieces.scene import Scene
 from ..render.camera import Camera
 from ..render.camera_path import CameraPath, orbit
-from ..render.sequence import (
-    KeptScene,
-    MovieFrames,
-    find_files,
-    frames_of,
-    is_whole,
-    leader,
-    natural,
-    read_ahead,
-    with_frames,
-)
+from ..render.image_sequence import KeptScene, MovieFrames, is_whole
+from ..render.sequence import find_files, frames_of, leader, natural, read_ahead, with_frames
 from ..scene.mesh import Mesh
 from . import flags, look
 from .measuring import led_by

@@ -35,12 +35,24 @@ class UserError(Exception):
 
 
 @contextlib.contextmanager
-def mistakes(path: str = "") -> Iterator[None]:
-    """Turn what the library refuses in this block into a UserError, which names the file."""
+def mistakes(path: str = "", *others: type[Exception]) -> Iterator[None]:
+    """Turn what the library refuses in this block into a UserError, which names the file. others:
+    further errors that are the user's here."""
+    refused: tuple[type[Exception], ...] = (TypeError, ValueError, MissingPackageError, *others)
     try:
         yield
-    except (TypeError, ValueError, MissingPackageError) as error:
+    except refused as error:
         raise UserError(f"{path}: {error}" if path else str(error)) from error
+
+
+@contextlib.contextmanager
+def readable(path: str, what: str = "cannot be read") -> Iterator[None]:
+    """`mistakes`, and a file that cannot be read: the one that the error names, or this one."""
+    try:
+        with mistakes():
+            yield
+    except OSError as error:
+        raise UserError(f"{error.filename or path}: {what}: {error.strerror or error}") from error
 
 
 def left_out(path: str, particles: Particles, far: bool = True) -> list[str]:
@@ -121,6 +133,14 @@ def join_negative(argv: Sequence[str]) -> list[str]:
 
 number = Number().parse
 vector = Vector().parse
+
+
+def numbers(text: str, like: str) -> tuple[float, ...]:
+    """Numbers with commas between them, as many as in "X,Y,Z"."""
+    words = text.split(",")
+    if len(words) != len(like.split(",")):
+        raise argparse.ArgumentTypeError(f"expected {like}, got {text!r}")
+    return tuple(map(number, words))
 
 
 def positive(text: str) -> float:
@@ -223,11 +243,8 @@ _OF_PARTICLES = ("radius_is", "where", "scale", "center", "min_component")  # of
 def check_input(path: str, given: Sequence[str] = ()) -> None:
     """Refuse a file that is not readable, has no known format, or has a format without the options
     `given`, before any work."""
-    try:
-        with mistakes():
-            found = kind_of(path)
-    except OSError as error:
-        raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
+    with readable(path, "expected a file to read, got"):
+        found = kind_of(path)
     if found.kind in ("particles", "mesh"):
         known = (*format_named(found.format).options, *_OF_PARTICLES)
     else:
@@ -323,12 +340,8 @@ def read_sweep_file(path: str, **options: Any) -> Any:
     """The tracked frames of a file or folder. Raises UserError if they cannot be read."""
     from ..ultrasound.files import read_sweep
 
-    try:
-        with mistakes():
-            return read_sweep(path, **options)
-    except OSError as error:
-        name = error.filename or path
-        raise UserError(f"{name}: cannot be read: {error.strerror or error}") from error
+    with readable(path):
+        return read_sweep(path, **options)
 
 
 def check_voxel_size(spacing: float | None, sweep: Any) -> None:
@@ -345,11 +358,8 @@ def read_volume_file(path: str) -> Any:
     """The volume of a file. Raises UserError if the volume cannot be read."""
     from ..volumes.files import read_volume
 
-    try:
-        with mistakes():
-            return read_volume(path)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
+    with readable(path):
+        return read_volume(path)
 
 
 def check_output(option: str, path: str, extensions: Sequence[str], made: str = "") -> None:

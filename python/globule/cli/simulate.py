@@ -58,18 +58,13 @@ def add_arguments(parser: Parser) -> None:
     from ..sim.scene_read import SHIPPED
 
     formats = [extension[1:] for extension in EXTENSIONS]
-    add = parser.add_argument
-    add("scene", metavar="SCENE", help=f"scene file .toml, or one of {', '.join(SHIPPED)}")
+    parser.add_argument("scene", metavar="SCENE", help=f"scene file .toml, or one of {', '.join(SHIPPED)}")
     flags.add(parser, "--output", "folder; default: frames", default="frames")
     flags.own(parser, "--seconds S", "simulated time, seconds, in whole frames", positive,
         usual="the scene's")  # fmt: skip
     flags.add(parser, "--fps", "default: the scene's, else 30")
-    add(
-        "--format",
-        choices=formats,
-        metavar="NAME",
-        help=f"file format of the frames: {', '.join(formats)} (default: the scene's, else vtp)",
-    )
+    flags.own(parser, "--format NAME", f"file format of the frames: {', '.join(formats)}", formats,
+        usual="the scene's, else vtp")  # fmt: skip
     flags.own(parser, "--no-frames", "write no frames of particles")
     flags.own(parser, "--video FILE.mp4", "also write a movie, with the camera and look of the "
         "scene's view")  # fmt: skip

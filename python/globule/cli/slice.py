@@ -23,7 +23,7 @@ from ..render.frame import save_png
 from ..render.legend import add_legend
 from . import flags, measuring
 from .parser import Parser
-from .shared import Progress, UserError, check_output, count, mistakes, need_particles, number, print_json
+from .shared import Progress, UserError, count, mistakes, need_particles, numbers, print_json
 
 SUMMARY = "values on planes, lines and grids"
 USAGE = "FILE -o PATH"
@@ -37,22 +37,15 @@ EXAMPLES = """\
 PIXELS = 800  # along the longer side of an image
 
 
-def _numbers(text: str, n: int, names: str) -> list[float]:
-    words = text.split(",")
-    if len(words) != n:
-        raise argparse.ArgumentTypeError(f"expected {names}, got {text!r}")
-    return [number(word) for word in words]
-
-
 def plane(text: str) -> SamplePlane:
     """NX,NY,NZ,D."""
-    *normal, offset = _numbers(text, 4, "NX,NY,NZ,D")
+    *normal, offset = numbers(text, "NX,NY,NZ,D")
     return _checked(SamplePlane, normal, offset)
 
 
 def line(text: str) -> SampleLine:
     """X,Y,Z,X,Y,Z."""
-    values = _numbers(text, 6, "X0,Y0,Z0,X1,Y1,Z1")
+    values = numbers(text, "X0,Y0,Z0,X1,Y1,Z1")
     return _checked(SampleLine, values[:3], values[3:])
 
 
@@ -74,23 +67,16 @@ def add_arguments(parser: Parser) -> None:
     flags.own(one, "--grid", "grid around all particles")
     measuring.add_sample_spacing(where)
     measuring.add_values(where, "field, inside and all attributes")
-    image = parser.add_argument_group("image")
-    flags.own(image, "--inside", "draw only what is inside of the surface")
-    flags.add(image, "--colormap", "default: auto, which is viridis", default="auto")
-    flags.add(image, "--range", "default: the lowest and the highest value")
+    measuring.add_image(parser, "--inside", "draw only what is inside of the surface")
     flags.add(parser, "--json")
     measuring.add_surface(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Run `globule slice`."""
-    image = options.output.lower().endswith(".png")
-    check_output("-o", options.output, (*EXTENSIONS, ".png"))
+    image = measuring.check_image(options, "inside", "range")
     if image and not options.plane:
         raise UserError("--plane: expected --plane beside a .png, got none")
-    for name in ("inside", "range"):
-        if getattr(options, name) and not image:
-            raise UserError(f"--{name}: expected a .png beside --{name}, got {options.output}")
     with Progress(1) as progress:
         for _, path, scene in measuring.scenes(options, [options.file], progress, one=True):
             need_particles(path, scene.octree.n_inside)

@@ -14,7 +14,7 @@ from ..render.presets import load_preset
 from ..render.sequence import find_files
 from ..viewer.equivalent import render_words
 from ..viewer.state import State
-from .shared import UserError, join_negative, mistakes, say
+from .shared import join_negative, mistakes, readable, say
 from .volumes import is_surface
 
 # What a flag that is given beside --state takes the place of: the state's values of these.
@@ -33,12 +33,8 @@ REPLACED = {
 def read_state(path: str) -> tuple[State, Camera | None]:
     """The settings in a file that the viewer saved, and the camera if the file has one."""
     state = State()
-    try:
+    with readable(path):
         return state, state.load(path)
-    except ValueError as error:
-        raise UserError(str(error)) from error
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def defaults(parser: argparse.ArgumentParser, options: argparse.Namespace) -> dict[str, Any]:

@@ -14,10 +14,16 @@ from . import flags
 from .shared import say
 
 
-def add_arguments(group: Any) -> None:
-    """--surface and --particle-spacing."""
+def add_arguments(parser: Any) -> None:
+    """The flags that say which surface the particles have."""
+    group = parser.add_argument_group("surface")
+    flags.add(group, "--kernel", "default: murakami", default="murakami")
+    flags.add(group, "--support", "default: the file's, else two spacings")
+    flags.add(group, "--threshold", "default: by kernel")
     flags.add(group, "--surface", "default: auto", default="auto")
     flags.add(group, "--particle-spacing", "default: measured")
+    flags.own(group, "--anisotropic", "smooth the particles and stretch their kernels along the "
+        "surface (Yu and Turk 2013)")  # fmt: skip
 
 
 def scene_of(options: argparse.Namespace, particles: Particles, as_balls: bool, **asked: Any) -> Scene:

@@ -35,13 +35,7 @@ def add_arguments(parser: Parser) -> None:
     flags.add(parser, "--output", "track.csv; default: printed")
     flags.add(parser, "--fps", "for the column of times; default: the times of the files")
     flags.own(parser, "--plot FILE.png", "also draw the columns as curves")
-    parser.add_argument(
-        "--plot-column",
-        choices=COLUMNS,
-        default="volume",
-        metavar="NAME",
-        help=f"column to draw: {', '.join(COLUMNS)} (default: volume)",
-    )
+    flags.own(parser, "--plot-column NAME", f"column to draw: {', '.join(COLUMNS)}", COLUMNS, "volume")
     measuring.add_sample_spacing(parser)
     flags.add(parser, "--json")
     measuring.add_surface(parser)

@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..data.particles import UP
-from ..formats import FormatError, up_of
+from ..formats import up_of
 from ..render.camera import Camera
 from ..render.presets import PRESETS
 from . import flags
 from .parser import Parser
-from .shared import UserError, check_device, mistakes, say, up_said
+from .shared import UserError, check_device, readable, say, up_said
 from .shared import reading as reading_of
 from .state import read_state
 
@@ -96,39 +96,33 @@ def run(options: argparse.Namespace) -> None:
     for name in ("calibration", "plus"):
         if getattr(options, name):
             given[name] = getattr(options, name)
-    try:
-        with mistakes():
-            state, camera = _settings(options)
-            start, token = None, None
-            if options.what:
-                source = open_source(options.what, options.device, options.threads, **given)
-                remember(options.what)
-            else:
-                start, source = start_page(options, given)
-                token = start.token
-            if options.compare:
-                from ..viewer.compare_source import CompareSource
+    with readable((options.what or [""])[0]):
+        state, camera = _settings(options)
+        start, token = None, None
+        if options.what:
+            source = open_source(options.what, options.device, options.threads, **given)
+            remember(options.what)
+        else:
+            start, source = start_page(options, given)
+            token = start.token
+        if options.compare:
+            from ..viewer.compare_source import CompareSource
 
-                other = open_source(options.compare, options.device, options.threads, **given)
-                source = CompareSource(source, other)
-            if state.color.by and state.color.by not in source.color_names():
-                known = ", ".join(source.color_names())
-                raise UserError(f"--color-by: expected one of {known}, got {state.color.by}")
-            if not options.state and not options.preset:
-                options.preset = source.preset
-            if not options.state and not options.color_by:
-                state.set(**source.settings)
-            if options.up is None and camera is not None and not options.state:
-                camera = replace(camera, up=source.up)
-            of_file = options.up is None and source.kind in ("scene", "sequence")
-            if of_file and source.files and source.up != UP:
-                say(up_said(source.up, up_of(source.files[0])[1]))
-            viewer = serve(source, options, options.up, camera, state, options.preset, token)
-    except FormatError as error:
-        raise UserError(str(error)) from error
-    except OSError as error:
-        name = error.filename or options.what[0]
-        raise UserError(f"{name}: cannot be read: {error.strerror or error}") from error
+            other = open_source(options.compare, options.device, options.threads, **given)
+            source = CompareSource(source, other)
+        if state.color.by and state.color.by not in source.color_names():
+            known = ", ".join(source.color_names())
+            raise UserError(f"--color-by: expected one of {known}, got {state.color.by}")
+        if not options.state and not options.preset:
+            options.preset = source.preset
+        if not options.state and not options.color_by:
+            state.set(**source.settings)
+        if options.up is None and camera is not None and not options.state:
+            camera = replace(camera, up=source.up)
+        of_file = options.up is None and source.kind in ("scene", "sequence")
+        if of_file and source.files and source.up != UP:
+            say(up_said(source.up, up_of(source.files[0])[1]))
+        viewer = serve(source, options, options.up, camera, state, options.preset, token)
     while True:
         ends: list[threading.Thread] = []
         viewer.on_open = _ending(viewer, ends)

@@ -12,7 +12,7 @@ from ..data.particles import Particles
 from ..formats.kind import kind_or_none
 from ..formats.volumes import READABLE
 from ..scene.scene import DEFAULTS
-from .shared import UserError, read_volume_file
+from .shared import UserError, mistakes, read_volume_file, readable
 
 
 def is_surface(path: str, options: argparse.Namespace) -> bool:
@@ -30,13 +30,11 @@ def check_surface(path: str, options: argparse.Namespace) -> None:
     """Refuse the flags that an iso-surface does not have, before any work."""
     from ..ultrasound.files import is_sweep
 
-    try:
+    with readable(path, "expected a file to read, got"):
         if not os.path.isdir(path):
             with open(path, "rb"):
                 pass
         tracked = is_sweep(path)
-    except OSError as error:
-        raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
     for name in ("threshold", "support"):
         if getattr(options, name) is not None:
             raise UserError(f"--{name}: expected --level for the volume {path}, got --{name}")
@@ -49,10 +47,8 @@ def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, lis
     from ..volumes.iso_surface import extract_iso_surface
 
     volume = read_volume_file(path)
-    try:
+    with mistakes(path):
         particles, threshold, level = extract_iso_surface(volume, options.level, options.kernel)
-    except ValueError as error:
-        raise UserError(f"{path}: {error}") from error
     particles.weight = particles.weight * (DEFAULTS[options.kernel][1] / threshold)
     if options.level is not None:
         return particles, []

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._base.arrays import dtype_name, extent, gpu_shape, on_gpu, to_host
 from .._base.checks import named, shown, unit
+from .._base.fixed import Checked
 from .._base.terminal import place_text
 
 SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
@@ -25,7 +26,7 @@ HERE = (0.0, 0.0, 0.0)
 UP, Z_UP = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
-class Attributes(dict[str, Any]):
+class Attributes(Checked):
     """Named values of n particles; each assignment is checked."""
 
     def __init__(self, given: Mapping[str, Any] | Iterable[tuple[str, Any]] = (), n: int = -1):
@@ -39,21 +40,6 @@ class Attributes(dict[str, Any]):
 
     def __setitem__(self, name: str, value: Any) -> None:
         super().__setitem__(name, _attribute(name, value, self._n))
-
-    def update(self, *args: Any, **kwargs: Any) -> None:
-        """Assign each of several values."""
-        for name, value in dict(*args, **kwargs).items():
-            self[name] = value
-
-    def setdefault(self, name: str, default: Any = None) -> Any:
-        """The value of a name, assigned first where there is none."""
-        if name not in self:
-            self[name] = default
-        return self[name]
-
-    def __ior__(self, other: Any) -> Attributes:  # type: ignore[override,misc]  # not a plain dict
-        self.update(other)
-        return self
 
     def __reduce__(self) -> tuple:
         return Attributes, (dict(self), self._n)

@@ -57,8 +57,6 @@ def remove_strays(
 
     Returns:
         The remaining particles, with their fields and attributes.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     scene: SceneBase | None
     if isinstance(scene_or_radius, SceneBase):
@@ -111,8 +109,6 @@ def find_anisotropy(
 
     Returns:
         `Anisotropy`: smoothed positions (N, 3) and matrices G (N, 3, 3), for `Particles`.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(particles, Particles):
         particles = Particles(particles)
@@ -189,8 +185,6 @@ def find_surface_kernels(
     Returns:
         `SurfaceKernels`: matrices G (N, 3, 3) and weights (N,), 0 for a particle whose position is
         not finite.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(particles, Particles):
         particles = Particles(particles)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,23 @@ def parse_numbers(text: bytes, dtype: np.dtype) -> np.ndarray:
         if at_end and (beyond := [word for word in text.split() if not low <= int(word) <= high]):
             raise ValueError(f"got {shown(beyond[0])}")
     return values.astype(dtype, copy=False)
+
+
+def numbers_of_words(words: Iterable[str | bytes]) -> np.ndarray:
+    """Words as float64; none where one of them is no number."""
+    try:
+        return np.array([float(word) for word in words])
+    except ValueError:
+        return np.empty(0)
+
+
+def is_number(word: str | bytes) -> bool:
+    """Whether a word is a number, also NaN or an infinity."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 _MOST_ODD = 3  # letters of a text that cannot be printed
@@ -18,6 +19,19 @@ def bad(path: Any, where: str, problem: str) -> FormatError:
     # Either may quote the file: one line, of bounded length, whatever is in it.
     parts = [" ".join(str(path).splitlines()), *(" ".join(part.split())[:200] for part in (where, problem))]
     return FormatError(": ".join(part for part in parts if part))
+
+
+@contextlib.contextmanager
+def faults(path: Any, where: str = "", expected: str = "", refused: Any = ValueError) -> Iterator[None]:
+    """Errors in this block, which say what is wrong with a file, become a FormatError at the place.
+    expected: what its message begins with; refused: their classes. A FormatError among others says
+    the place itself."""
+    try:
+        yield
+    except refused as error:
+        if isinstance(error, FormatError) and refused is not FormatError:
+            raise
+        raise bad(path, where, f"expected {expected}, got {error}" if expected else str(error)) from None
 
 
 def require_different(path: Any, where: str, names: Sequence[str]) -> None:

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..data.attributes import VELOCITY_NAMES
-from .asciinum import parse_rows
+from .asciinum import numbers_of_words, parse_rows
 from .contents import Box, Contents
 from .elements import of_elements, type_names
 from .errors import bad, require_different, shown
 from .fields import particles_from
 from .frames import text_frame
-from .table import whole_numbers
+from .rows import whole_numbers
 
 _PAIR = re.compile(r"""([\w\-./]+)\s*=\s*(?:"([^"]*)"|'([^']*)'|\{([^}]*)\}|([^\s"'{]+))""")
 _NAMES = {
@@ -128,10 +128,7 @@ def _box(path: Any, where: str, about: dict[str, str]) -> Box | None:
 
 
 def _numbers(path: Any, where: str, name: str, text: str, n: int) -> np.ndarray:
-    try:
-        values = np.array([float(v) for v in text.split()])
-    except ValueError:
-        values = np.empty(0)
+    values = numbers_of_words(text.split())
     if values.shape != (n,) or not np.isfinite(values).all():
         raise bad(path, where, f"expected {n} numbers in {name}, got {shown(text)}")
     return values

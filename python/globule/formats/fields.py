@@ -34,7 +34,7 @@ from .._base.arrays import to_host
 from .._base.terminal import place_text
 from ..data.particles import FIELDS, HERE, SCALAR_FIELDS, Particles, lost_precision, relative
 from ..data.radii import length_names, n_without_radius, sizes_of
-from .errors import bad
+from .errors import bad, faults
 
 POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "coords", "xyz", "x")
 # Before or behind an axis in a column's name; behind one; and before a number.
@@ -127,10 +127,8 @@ def particles_from(
     if origin == HERE and positions.dtype == np.float64:  # which float32 keeps: nobody looks again
         with np.errstate(over="ignore"):
             positions = positions.astype(np.float32)
-    try:
+    with faults(path, refused=(TypeError, ValueError)):
         return Particles(positions, attributes=attributes, origin=origin, **fields)
-    except (TypeError, ValueError) as error:
-        raise bad(path, "", str(error)) from None
 
 
 def check_names(names: Iterable[str]) -> None:

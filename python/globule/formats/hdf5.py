@@ -19,7 +19,8 @@ from .contents import Contents, frame_index
 from .errors import bad, shown
 from .fields import particles_from
 from .guarded import decode, need
-from .hdf5_layouts import LAYOUTS, Layout, Source, Tree, named, plain
+from .hdf5_layouts import LAYOUTS, named, plain
+from .hdf5_tree import Layout, Source, Tree
 from .size import bytes_of
 
 _WHAT = "an HDF5 file"

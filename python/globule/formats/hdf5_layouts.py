@@ -10,24 +10,17 @@ import contextlib
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from .contents import Box
-from .errors import FormatError, bad, shown
+from .errors import FormatError, shown
+from .hdf5_tree import NAMES, Layout, Source, Tree
 
 PickFrame = Callable[[int], int]  # number of frames -> index of the one wanted
 
-# The names that `fields` knows, by those of the programs.
-_NAMES = {
-    "coordinates": "positions", "velocities": "velocity", "masses": "mass", "densities": "density",
-    "density": "density", "smoothinglength": "smoothing_length",
-    "smoothinglengths": "smoothing_length", "particleids": "id", "rho": "density", "m": "mass",
-}  # fmt: skip
-_PLACES = {name: None for name in ("positions", "position", "pos", "points", "coords", "xyz")}  # in this order
 # Words in the names of groups that are frames, beside their number.
 _STEPS = {"frame", "frames", "step", "steps", "timestep", "t", "time", "it", "iter", "iteration", "snapshot", "snap",
           "state", "dump", "output", "cycle"}  # fmt: skip
@@ -36,103 +29,6 @@ _H5MD_NAMES = {"position": "positions", "species": "type"}
 _SWIFT_GAMMA = 1.825742  # cubic spline, the default of SWIFT
 _MOST_COLUMNS = 1000
 _VTKHDF = ("PolyData", "UnstructuredGrid")  # types of its data sets that are read
-
-
-class Source(NamedTuple):
-    """Rows [first, first + n) of a data set, or of its entry `frame`, times scale."""
-
-    place: str
-    first: int
-    n: int
-    scale: float = 1.0
-    frame: int | None = None
-
-
-@dataclass
-class Layout:
-    """What to read: name -> sources, whose columns are put side by side if there are several."""
-
-    arrays: dict[str, list[Source]]
-    box: Box | None = None
-    units: dict[str, str] = field(default_factory=dict)
-    time: float | None = None
-    n_frames: int = 1
-    species: tuple[str, ...] = ()
-    support_per_h: float = 2.0
-    axes: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())  # of positions and offsets; (): all
-    shift: tuple[float, ...] = (0.0, 0.0, 0.0)  # of all positions
-    constants: dict[str, float] = field(default_factory=dict)  # one value for all particles
-    blocks: tuple[dict[str, list[Source]], ...] = ()  # arrays of more particles, behind these
-    tree: Any = None
-
-    def sources(self) -> Iterator[Source]:
-        """All sources, in the order of reading."""
-        return (source for arrays in (self.arrays, *self.blocks) for sources in arrays.values() for source in sources)
-
-
-class Tree(dict[str, dict[str, Any]]):
-    """Groups and data sets by their place, "/a/b"; the root is ""."""
-
-    def __init__(self, path: Any, items: dict[str, dict[str, Any]]):
-        super().__init__(items)
-        self.path = path
-
-    def attributes(self, place: str) -> dict[str, Any]:
-        """The attributes of a group or data set; none where it is absent."""
-        return self.get(place, {}).get("attributes", {})
-
-    def children(self, place: str) -> list[str]:
-        """Names directly below a group."""
-        start = place + "/"
-        return [p[len(start) :] for p in self if p.startswith(start) and "/" not in p[len(start) :]]
-
-    def is_data(self, place: str) -> bool:
-        """Whether a place is a data set."""
-        return "shape" in self.get(place, {})
-
-    def rows(self, place: str) -> int:
-        """Rows of a data set; -1 for a single number or a group."""
-        shape = self.get(place, {}).get("shape", [])
-        return shape[0] if shape else -1
-
-    def source(self, place: str) -> Source:
-        """All rows of a data set. Raises FormatError where there is none."""
-        if not self.is_data(place) or not self[place]["shape"]:
-            raise self.bad(place, "expected a data set with one row a particle, got none")
-        return Source(place, 0, self[place]["shape"][0])
-
-    def bad(self, place: str, problem: str) -> FormatError:
-        """A FormatError at a place."""
-        return bad(self.path, place, problem)
-
-    def arrays(self, group: str) -> dict[str, list[Source]]:
-        """The data sets of a group that have the rows of its positions, x y z joined."""
-        names = {k: f"{group}/{k}" for k in self.children(group) if self.is_data(f"{group}/{k}")}
-        known = {_NAMES.get(name.lower(), name): place for name, place in names.items()}
-        found: dict[str, list[Source]] = {}
-        for parts, vector in (("xyz", "positions"), ("XYZ", "positions"),
-                              (("vx", "vy", "vz"), "velocity"), ("uvw", "velocity")):  # fmt: skip
-            if vector not in found and vector not in known and {*parts} <= known.keys():
-                found[vector] = [self.source(known.pop(part)) for part in parts]
-        flat = [parts for parts in ("xy", "XY") if {*parts} <= known.keys()]
-        if "positions" not in found and not known.keys() & _PLACES and flat:  # in the plane z = 0
-            x, y = (self.source(known[part]) for part in flat[0])
-            if x.n == y.n:
-                found["positions"] = [x, y]
-                known = {name: place for name, place in known.items() if name not in flat[0]}
-        for name, place in known.items():
-            if self.rows(place) >= 0 and len(self[place]["shape"]) < 4:
-                found.setdefault(name, [self.source(place)])
-        lower = {name.lower(): name for name in reversed(list(found))}
-        for name in _PLACES:
-            if "positions" not in found and name in lower:
-                found["positions"] = found.pop(lower[name])
-        if "positions" not in found:
-            return {}
-        n = found["positions"][0].n
-        if any(source.n != n for source in found["positions"]):
-            raise self.bad(group, "expected x, y and z of one length")
-        return {k: s for k, s in found.items() if all(source.n == n for source in s)}
 
 
 def gadget(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
@@ -444,7 +340,7 @@ def _of_frame(
     for name in tree.children(group):
         place = f"{group}/{name}"
         one = tree.get(place, {}).get("shape", [])
-        key = _NAMES.get(name.lower(), name)
+        key = NAMES.get(name.lower(), name)
         if place == first.place or not one or len(one) > 3:
             continue
         if one[:2] == [n_frames, n]:
@@ -531,4 +427,4 @@ def _openpmd_constant(tree: Tree, place: str) -> float | None:
 
 
 def _lower(found: dict[str, list[Source]]) -> dict[str, list[Source]]:
-    return {_NAMES.get(k.lower(), k): s for k, s in found.items() if len(s) < _MOST_COLUMNS}
+    return {NAMES.get(k.lower(), k): s for k, s in found.items() if len(s) < _MOST_COLUMNS}

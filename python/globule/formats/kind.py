@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from .._base.checks import a_path
 from .._base.structured import parse_toml
-from .asciinum import decoded
+from .asciinum import decoded, is_number
 from .errors import FormatError, bad
 from .fields import place_names
 from .packed import packing, plain_name, unpacked, unpacked_head
@@ -360,14 +360,7 @@ def _in_table(lines: list[str], ending: Kind | None) -> Kind | None:
 
 
 def _n_numbers(words: list[str]) -> int:
-    n = 0
-    for word in words:
-        try:
-            float(word)
-            n += 1
-        except ValueError:
-            n += has_comma(word)
-    return n
+    return sum(is_number(word) or has_comma(word) for word in words)
 
 
 def _is_toml(text: str) -> bool:

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from .asciinum import parse_rows, text_lines
+from .asciinum import is_number, parse_rows, text_lines
 from .contents import Box, Contents
 from .elements import of_elements, type_names
 from .errors import FormatError, bad, require_different, shown
 from .fields import join_columns, particles_from
 from .frames import text_frame
-from .table import whole_numbers
+from .rows import whole_numbers
 
 # Columns of the section Atoms after the atom's number, by atom style.
 _STYLES = {
@@ -95,9 +95,7 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     units = {}
     if head[0].startswith("ITEM: UNITS"):  # once, before the first frame
         units = {"positions": f"LAMMPS {head[1].strip()[:20]}"}
-    found = _contents(path, where, columns, box, units, time, n_frames)
-    found.particles.names = kinds
-    return found
+    return _contents(path, where, columns, box, units, time, n_frames, kinds)
 
 
 def _yaml_frame(path: Any, lines: list[str], before: int, n_frames: int) -> Contents:
@@ -132,9 +130,7 @@ def _yaml_frame(path: Any, lines: list[str], before: int, n_frames: int) -> Cont
         box = _dump_box(path, ["", *bounds], 0, f"xy xz yz {periodic}", first["box"] - 2)
     time = _number([keys.get("time", keys.get("timestep", ""))], 0)
     units = {"positions": f"LAMMPS {keys['units'][:20]}"} if "units" in keys else {}
-    found = _contents(path, where, columns, box, units, time, n_frames)
-    found.particles.names = kinds
-    return found
+    return _contents(path, where, columns, box, units, time, n_frames, kinds)
 
 
 def _with_elements(path: Any, names: list[str], rows: list[str], first: int) -> tuple[dict[str, Any], dict]:
@@ -216,9 +212,7 @@ def read_data(path: str | os.PathLike[str], atom_style: str | None = None) -> Co
         numbers, place = np.unique(columns["type"], return_inverse=True)
         of_types = of_elements([elements[number] for number in numbers.tolist()])
         columns = _with({name: array[place] for name, array in of_types.items()}, columns)
-    found = _contents(path, f"line {at + 1}", columns, box, {}, None, 1)
-    found.particles.names = kinds
-    return found
+    return _contents(path, f"line {at + 1}", columns, box, {}, None, 1, kinds)
 
 
 def _with(of_elements: dict[str, np.ndarray], columns: dict[str, Any]) -> dict[str, Any]:
@@ -411,7 +405,7 @@ def _likeness(names: list[str], rows: list[list[str]], head: dict, box: Box | No
     n_types = head.get("types", [""])[0]
     for name in _WHOLE & columns.keys():
         whole = all(re.fullmatch(r"[+-]?\d+", word) for word in columns[name])
-        if not whole and not (name == "type" and not any(map(_is_number, columns[name]))):
+        if not whole and not (name == "type" and not any(map(is_number, columns[name]))):
             return -1.0
     types = [word for word in columns["type"] if word.isdigit()]
     if n_types.isdigit() and not all(1 <= int(word) <= int(n_types) for word in types):
@@ -438,7 +432,7 @@ def _columns(path: Any, names: list[str], rows: list[str], first: int) -> dict[s
         return {name: np.empty(0) for name in names}
     if len(words) != len(names):
         raise bad(path, f"line {first}", f"expected {len(names)} columns, got {len(words)}")
-    numeric = [i for i, word in enumerate(words) if _is_number(word)]
+    numeric = [i for i, word in enumerate(words) if is_number(word)]
     again = [i for i, name in enumerate(names) if name in names[:i]]  # LIGGGHTS' own dumps: id type type x y z
     if not numeric:
         raise bad(path, f"line {first}", f"expected columns of numbers, got {shown(rows[0])}")
@@ -456,14 +450,6 @@ def _columns(path: Any, names: list[str], rows: list[str], first: int) -> dict[s
     }
 
 
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
 def _contents(
     path: Any,
     where: str,
@@ -472,7 +458,9 @@ def _contents(
     units: dict[str, str],
     time: float | None,
     n_frames: int,
+    kinds: dict[str, dict[int, str]],
 ) -> Contents:
+    """kinds: the words of numbers, by the name of the column."""
     found = None
     for end in ("", "u", "s", "su"):
         names = [axis + end for axis in "xyz"]
@@ -491,4 +479,5 @@ def _contents(
         columns["radius"] = columns["diameter"] / 2
     positions = found if box is None else box.wrap(found)
     particles = particles_from(path, positions, join_columns(columns))
+    particles.names = kinds
     return Contents(particles, box, units, time, n_frames)

@@ -16,7 +16,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from .._base.checks import missing, positive
+from .._base.checks import optional, positive
 from .._base.colormaps import to_linear
 from ..data.particles import Particles, relative
 from ..data.surface import MOST_SAMPLES, sampled_particles, vertex_particles
@@ -284,9 +284,6 @@ def _errors_of(name: str) -> Iterator[None]:
 
 
 def _trimesh() -> Any:
-    try:
-        import trimesh
-    except ImportError:
-        raise missing("trimesh", "formats") from None
+    trimesh = optional("trimesh", "formats")
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else Python prints its errors
     return trimesh

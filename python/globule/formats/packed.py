@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import IO, Any, TypeVar
 
-from .._base.checks import missing
+from .._base.checks import optional
 from .errors import bad
 from .inflate import GZIP, PIECE, Inflated
 from .size import ALWAYS, check_size
@@ -222,10 +222,7 @@ class _Zstd:
     needs_input = True
 
     def __init__(self) -> None:
-        try:
-            import zstandard
-        except ImportError:
-            raise missing("zstandard", "formats") from None
+        zstandard = optional("zstandard", "formats")
         self._error = zstandard.ZstdError
         self._unpacker = zstandard.ZstdDecompressor(max_window_size=_MOST_MEMORY).decompressobj()
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from .contents import Contents
-from .errors import FormatError, bad, shown
+from .errors import FormatError, bad, faults, shown
 from .fields import join_columns, particles_from
 
 MEMBERS = ("particles.npy", "solver_data.npy")
@@ -105,7 +105,7 @@ class _Array:
 
     def array(self, path: Any, name: str) -> np.ndarray:
         """As NumPy has it. Raises FormatError."""
-        try:
+        with faults(path, name, "an array", refused=Exception):  # anything may be in its place
             if not re.fullmatch("[biuf][1248]", self.kind.code) or self.kind.order not in "<>=|":
                 raise ValueError(f"numbers of type {self.kind.code}")
             data = self.data.encode("latin1") if isinstance(self.data, str) else self.data
@@ -113,8 +113,6 @@ class _Array:
             if len(data) != math.prod(self.shape) * dtype.itemsize:
                 raise ValueError(f"{len(data)} bytes for {dtype} {self.shape}")
             array = np.frombuffer(data, dtype).reshape(self.shape, order="F" if self.fortran else "C")
-        except Exception as error:  # anything may be in its place
-            raise bad(path, name, f"expected an array, got {error}") from None
         return np.ascontiguousarray(array, dtype.newbyteorder("="))
 
 

@@ -22,7 +22,7 @@ from ..data.radii import with_halved_radii
 from ..data.scale import scaled
 from .bgeo import MappedBgeo
 from .bgeo import is_mappable as bgeo_is_mappable
-from .errors import FormatError, bad
+from .errors import FormatError, bad, faults
 from .fields import POSITION_NAMES, find_positions, particles_from, say_origin, say_radii
 from .kind import kind_of
 from .numpy_format import DAMAGED, from_columns, names_of_columns, read_header, with_places
@@ -224,23 +224,21 @@ def _rows(array: np.ndarray, first: int, last: int) -> np.ndarray:
 def _members(path: Any) -> dict[str, np.ndarray]:
     """The arrays of an .npz, mapped into memory."""
     found = {}
-    try:
-        with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
-            for info in archive.infolist():
-                if not info.filename.endswith(".npy"):
-                    continue
-                name = info.filename.removesuffix(".npy")
-                if info.compress_type != zipfile.ZIP_STORED:
-                    raise bad(path, name, "expected arrays without compression, as numpy.savez "
-                              "writes them, got a compressed one")  # fmt: skip
-                file.seek(info.header_offset)
-                header = file.read(_LOCAL_HEADER)
-                behind = int.from_bytes(header[26:28], "little")
-                behind += int.from_bytes(header[28:30], "little")
-                offset = info.header_offset + _LOCAL_HEADER + behind
-                found[name] = _mapped(path, name, offset)
-    except DAMAGED as error:
-        raise bad(path, "archive", f"expected an .npz archive, got {error}") from None
+    damaged = faults(path, "archive", "an .npz archive", refused=DAMAGED)
+    with damaged, open(path, "rb") as file, zipfile.ZipFile(file) as archive:
+        for info in archive.infolist():
+            if not info.filename.endswith(".npy"):
+                continue
+            name = info.filename.removesuffix(".npy")
+            if info.compress_type != zipfile.ZIP_STORED:
+                raise bad(path, name, "expected arrays without compression, as numpy.savez "
+                          "writes them, got a compressed one")  # fmt: skip
+            file.seek(info.header_offset)
+            header = file.read(_LOCAL_HEADER)
+            behind = int.from_bytes(header[26:28], "little")
+            behind += int.from_bytes(header[28:30], "little")
+            offset = info.header_offset + _LOCAL_HEADER + behind
+            found[name] = _mapped(path, name, offset)
     return found
 
 

@@ -17,35 +17,25 @@ Columns without a name become attributes `column4`, `column5` and so on.
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import os
 import re
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from .._base.files import atomic_write
 from ..data.particles import Particles
-from .asciinum import decoded, format_rows, lines_of, parse_plain, parse_rows, parse_words, text_data
+from .asciinum import decoded, format_rows, is_number, lines_of, text_data
 from .contents import Contents
 from .elements import of_elements, type_names
 from .errors import FormatError, bad, names_of, shown
-from .fields import (
-    MOST_LOOKED_AT,
-    columns_advice,
-    find_positions,
-    join_columns,
-    names_with_id,
-    particles_from,
-    place_names,
-    split_columns,
-)
+from .fields import place_names, split_columns
 from .frames import frame_by_column, tells_frames, text_frame
 from .packed import is_packed, unpacked_head
-from .units import held_units, in_one_unit, meters, split_units
+from .rows import NO_NUMBER, NotPlainError, Rest, default_names, particles_of_rows
+from .units import held_units, meters, split_units
 
 # Columns of a .pts file, by their number: the intensity, and colors up to 255.
 _POINTS = {
@@ -59,18 +49,12 @@ _HEAD = 1 << 16  # bytes of it that tell its columns
 _MOST_TITLES = 20  # lines before the names of the columns
 _MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
-_MISSING = ("", "NA", "<NA>", "N/A", "#N/A", "n/a", "NULL", "null", "None", "--")  # in the place of a number
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+")
 _NAMED = 1 << 13  # bytes in which the names of columns are looked for
-_Rest = tuple[bytes, int] | None  # a text, and the byte from which its rows are plain
 
 
 # The last table of several frames that was read: what tells its state, and all of it.
 _table: tuple[tuple, Contents] | None = None
-
-
-class _NotPlainError(Exception):
-    """A table that needs more than its first rows to tell how it is read."""
 
 
 def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None, frame: int | None = 0) -> Contents:
@@ -110,7 +94,7 @@ def _whole_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None) 
         head = data.find(b"\n", _HEAD) + 1
         try:
             return _read_csv(path, lines_of(path, data[:head]), columns, (data, head))
-        except (FormatError, _NotPlainError):
+        except (FormatError, NotPlainError):
             pass  # as a whole, which says the line at fault
     return _read_csv(path, lines_of(path, data), columns)
 
@@ -166,23 +150,23 @@ def _quoted(name: str) -> str:
     return name
 
 
-def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = None, rest: _Rest = None) -> Contents:
-    """rest: plain rows behind the lines. Raises FormatError; _NotPlainError where they are not."""
+def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = None, rest: Rest = None) -> Contents:
+    """rest: plain rows behind the lines. Raises FormatError; NotPlainError where they are not."""
     start = next((i for i, line in enumerate(lines) if _is_row(line)), None)
     if start is None:
         raise bad(path, "line 1", "expected column names or numbers, got an empty file")
     start = _titles(lines, start)
     separator = separator_of(lines[start])
     names, head, unnamed = _csv_words(path, lines[start], start, separator), start, False
-    if all(_is_number(name) or has_comma(name) for name in names):
+    if all(is_number(name) or has_comma(name) for name in names):
         comments = [i for i, line in enumerate(lines[:start]) if line.strip()]
         said: list[str] = []
         if comments:
             head = comments[-1]
             text = lines[head].strip().lstrip("#%/ ")
             said = _said_names(path, text, head, separator, len(names))
-        words_only = said and not any(map(_is_number, said))
-        names = said if words_only else _default_names(len(names))
+        words_only = said and not any(map(is_number, said))
+        names = said if words_only else default_names(len(names))
         unnamed = not words_only
     else:
         start += 1
@@ -200,9 +184,9 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     if len(words) != len(names):
         raise bad(path, f"line {start + 1}", f"expected {len(names)} columns, got {len(words)}")
     rows = lines[start:]
-    missing = any(word in _MISSING for word in words)
+    missing = any(word in NO_NUMBER for word in words)
     if rest and (first is None or missing):
-        raise _NotPlainError
+        raise NotPlainError
     if first is not None and missing:
         _fill_words(path, names, words, lines[first + 1 : first + _MOST_BLANK], separator)
     if any("#" in row or "%" in row for row in rows):
@@ -223,13 +207,13 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     if cells and first is not None and named is None:
         _no_thousands(path, some, first + 1, separator)
     if comma := next(filter(has_comma, cells), ""):
-        if point := next((word for word in cells if "." in word and _is_number(word)), ""):
+        if point := next((word for word in cells if "." in word and is_number(word)), ""):
             problem = f"expected one decimal mark in all numbers, got {shown(comma)} and {shown(point)}"
             raise bad(path, f"line {start + 1}", problem)
         rows = [_with_points(row, separator) for row in rows]
         words = [word.replace(",", ".") if has_comma(word) else word for word in words]
     try:
-        particles = _assemble(path, names, words, rows, start + 1, separator, head + 1, rest=rest, units=units,
+        particles = particles_of_rows(path, names, words, rows, start + 1, separator, head + 1, rest=rest, units=units,
                               unnamed=unnamed)  # fmt: skip
     except FormatError:
         _no_thousands(path, lines[start:], start + 1, separator)
@@ -252,7 +236,7 @@ def _said_names(path: Any, text: str, i: int, separator: str | None, n: int) -> 
 def _units_below(path: Any, names: list[str], words: list[str]) -> list[str]:
     """Names with the units that the row below them has for each place, as loggers write them; the
     names as they are without such a row."""
-    if any(map(_is_number, words)) or len(words) != len(names):
+    if any(map(is_number, words)) or len(words) != len(names):
         return names
     axes = place_names(names)
     places = [word.strip("[]()") for name, word in zip(names, words, strict=True) if axes.get(name, name) in ("x", "y")]
@@ -268,7 +252,7 @@ def _titles(lines: list[str], start: int) -> int:
     them; `start` where there is none."""
     for i in range(start, min(start + _MOST_TITLES, len(lines) - 1)):
         words = [word.strip('" ') for word in lines[i].split(separator_of(lines[i]))]
-        if all(map(_is_number, words)):
+        if all(map(is_number, words)):
             break
         if place_names(split_units(words)[0]):
             return i
@@ -336,12 +320,12 @@ def _csv_words(path: Any, line: str, i: int, separator: str | None) -> list[str]
 
 def _fill_words(path: Any, names: list[str], words: list[str], lines: list[str], separator: str | None) -> None:
     """For named columns that miss a number in the first row, the first word of a later row."""
-    blank = [i for i, word in enumerate(words) if word in _MISSING and names[i]]
+    blank = [i for i, word in enumerate(words) if word in NO_NUMBER and names[i]]
     for line in lines:
         if not blank:
             return
         row = _csv_words(path, line, 0, separator) if _is_row(line) else []
-        for i in [i for i in blank if i < len(row) and row[i] not in _MISSING]:
+        for i in [i for i in blank if i < len(row) and row[i] not in NO_NUMBER]:
             words[i] = row[i]
             blank.remove(i)
 
@@ -380,7 +364,7 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
     unnamed = False
     if names is None or len(names) != len(words):
         unnamed = start != 1
-        names = _POINTS.get(len(words), _default_names(len(words)))
+        names = _POINTS.get(len(words), default_names(len(words)))
         if start != 1:
             first_words = _first_words(rows, words, count)
             if first_words and first_words[0].isdigit():
@@ -389,11 +373,11 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
                 elements = of_elements(first_words)
                 kinds = type_names(first_words, elements)
             skip = 1 if first_words else 0
-            names = ["element"] * skip + _default_names(len(words) - skip)
+            names = ["element"] * skip + default_names(len(words) - skip)
             words[:skip] = ["element"] * skip
     if count == 0:
-        names = words = _default_names(3)
-    particles = _assemble(
+        names = words = default_names(3)
+    particles = particles_of_rows(
         path, names, words, rows, before + start + 1, None, extra=elements, unnamed=unnamed, units=units
     )
     particles.names = kinds
@@ -407,7 +391,7 @@ def _is_points(lines: list[str], count: int) -> bool:
     """Whether the rows follow the count at once, as in .pts files of scanners."""
     row = lines[1].split() if len(lines) > 1 else []
     whole = sum(bool(line.strip()) for line in lines[1:]) == count
-    return whole and len(row) in _POINTS and all(map(_is_number, row))
+    return whole and len(row) in _POINTS and all(map(is_number, row))
 
 
 def _first_words(rows: list[str], words: list[str], count: int | None) -> list[str]:
@@ -417,146 +401,10 @@ def _first_words(rows: list[str], words: list[str], count: int | None) -> list[s
     """
     if len(words) < 4:
         return []
-    if _is_number(words[0]):
+    if is_number(words[0]):
         points = all("." in word or "e" in word.lower() for word in words[1:4])
         if count is None or len(words) != 4 or not (words[0].isdigit() and points):
             return []
     found = [row.split(None, 1)[0] for row in rows if row.strip() and row.lstrip()[0] != "#"]
-    numbers = _is_number(words[0])
+    numbers = is_number(words[0])
     return found if all(word.isdigit() for word in set(found)) == numbers else []
-
-
-def _assemble(
-    path: Any,
-    names: list[str],
-    words: list[str],
-    lines: list[str],
-    first_line: int,
-    separator: str | None,
-    names_line: int | None = None,
-    extra: Mapping[str, np.ndarray] | None = None,
-    rest: _Rest = None,
-    units: dict[str, str] | None = None,
-    unnamed: bool = False,
-) -> Particles:
-    """Particles from rows; `words` is the first row, which tells the numbers from the words. rest:
-    plain rows behind them. units: of columns, which are those after. unnamed: the file has no names.
-    Raises FormatError, _NotPlainError."""
-    numeric = [
-        i
-        for i, word in enumerate(words)
-        if (_is_number(word) or names[i].lower() in ("x", "y", "z", "-z"))  # there, a word is a mistake
-        and (names[i] or not any(names))
-    ]
-    found = names_of(names)
-    advice = f"; {columns_advice(names)}" if names_line else ""
-    where = f"line {names_line or first_line}"
-    no_positions = bad(path, where, f"expected columns x, y and z, got {found}{advice}")
-    # Two numbers beside a word without a name are not a place in a plane: one of three is damaged.
-    if len(numeric) < 2 or (len(numeric) == 2 < len(words) and names_line is None):
-        raise no_positions
-    options: dict[str, Any] = {"delimiter": separator}
-    if separator is None:
-        options["comments"] = "#"
-    else:
-        options["quotechar"] = '"'
-    if len(numeric) < len(words):
-        options["usecols"] = numeric
-    try:
-        rows = parse_rows(path, lines, first_line, len(numeric), **options)
-    except FormatError:  # a missing number of an attribute is NaN; a missing position is a mistake
-        as_they_are = lines
-        if separator:
-            lines = [line if line.strip(f'{separator} \t\r"') else "" for line in lines]
-        filled = _with_nan(lines, separator)
-        if filled == as_they_are:
-            raise
-        rows, lines = parse_rows(path, filled, first_line, len(numeric), **options), filled
-        places = [k for k, i in enumerate(numeric) if names[i].lower() in ("x", "y", "z")]
-        if np.isnan(rows[:, places or [0, 1, 2]]).any():
-            raise
-    found_columns = list(rows.T)
-    if rest:
-        whole = parse_plain(*rest, separator, len(words), numeric, rows) if separator else None
-        if whole is None:
-            raise _NotPlainError
-        found_columns = whole
-    columns: dict[str, np.ndarray] = {}
-    for column, i in zip(found_columns, numeric, strict=True):
-        name = names[i] or f"column{i + 1}"
-        if name in columns:
-            raise bad(path, "line 1", f"expected different column names, got {shown(name)} twice")
-        if rest and is_long(column, words[i]):
-            raise _NotPlainError
-        columns[name] = whole_numbers(path, name, column, words[i], lines, i, **options)
-    if units:
-        units.update(in_one_unit(path, columns, units))
-    if unnamed and _is_whole(words[0]):
-        columns = dict(zip(_names_with_id(path, columns), columns.values(), strict=True))
-    arrays = join_columns(columns)
-    points = find_positions(arrays)
-    if points is None:
-        raise no_positions
-    more = {name: array for name, array in (extra or {}).items() if len(array) == len(points)}
-    return particles_from(path, points, more | arrays)
-
-
-def _names_with_id(path: Any, columns: Mapping[str, np.ndarray]) -> list[str]:
-    first = next(iter(columns.values()))
-    if len(first) < 3:
-        return list(columns)
-    head = np.stack([column[:MOST_LOOKED_AT] for column in columns.values()], axis=1)
-    return names_with_id(path, list(columns), head, float(first[-1]), len(first))
-
-
-def _with_nan(lines: list[str], separator: str | None) -> list[str]:
-    """Lines with nan where there is no number between two separators."""
-    mark = re.escape(separator) if separator else r"\s+"
-    words = "|".join(map(re.escape, _MISSING if separator else _MISSING[1:]))
-    nothing = re.compile(rf"(^|{mark}) *(?:{words}) *(?={mark}|$)")
-    return [nothing.sub(r"\1nan", line) if line.strip() else line for line in lines]
-
-
-def whole_numbers(
-    path: Any, name: str, column: np.ndarray, first_word: str, lines: Sequence[str], i: int, **options: Any
-) -> np.ndarray:
-    """A column (N,) float64, as whole numbers where all are and the first is written without a
-    point: int64, or uint64 beyond.
-
-    Args:
-        name: of the column, for the warning that float64 rounds its numbers.
-        lines: the rows as text, from whose i-th words numbers come that float64 would round.
-        options: those of numpy.loadtxt that the rows were read with.
-    """
-    if not is_long(column, first_word):
-        exact = _is_whole(first_word) and (column == np.rint(column)).all()
-        return column.astype(np.int64) if exact else column
-    words = parse_words(lines, i, **options)
-    if all(map(_is_whole, words)):
-        for kind in (np.int64, np.uint64):
-            with contextlib.suppress(OverflowError):
-                return np.array([int(word) for word in words], kind)
-    if rounded := next((w for w in words if _is_whole(w) and float(w) != int(w)), ""):
-        warnings.warn(f"{path}: column {shown(name)}: float64 rounds {shown(rounded)}", stacklevel=2)
-    return column
-
-
-def is_long(column: np.ndarray, first_word: str) -> bool:
-    """Whether a column (N,) of whole numbers may have some that float64 does not hold."""
-    return _is_whole(first_word) and bool((np.abs(column) >= 2.0**53).any())
-
-
-def _is_whole(word: str) -> bool:
-    return word.lstrip("+-").isdigit()
-
-
-def _default_names(n: int) -> list[str]:
-    return ["x", "y", "z", *(f"column{i}" for i in range(4, n + 1))][:n]
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

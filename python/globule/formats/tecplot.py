@@ -21,8 +21,8 @@ from .asciinum import parse_rows, text_lines
 from .contents import Contents, frame_index
 from .errors import FormatError, bad, names_of, require_different, shown
 from .fields import find_positions, join_columns, particles_from, place_names
+from .rows import whole_numbers
 from .size import check_memory
-from .table import whole_numbers
 from .units import held_units, in_one_unit, split_units
 
 _ROW = re.compile(r"\s*(?:[-+.\d]|nan\b|inf\b)", re.IGNORECASE)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.checks import missing
+from .._base.checks import optional
 from ..data.particles import Particles
 from .contents import Box, Contents, frame_index
 from .errors import FormatError, bad
@@ -41,10 +41,7 @@ def _by(package: str, path: Any) -> Iterator[None]:
 
 def read_las(path: str | os.PathLike[str]) -> Particles:
     """A laser scan (.las; .laz with lazrs): points, their colors and dimensions."""
-    try:
-        import laspy
-    except ImportError:
-        raise missing("laspy", "formats") from None
+    laspy = optional("laspy", "formats")
     with open(path, "rb") as file, _by("laspy", path), laspy.open(file, closefd=False) as scan:
         n, size = scan.header.point_count, scan.header.point_format.size
         held = os.path.getsize(path)
@@ -85,13 +82,10 @@ def read_molecule(path: str | os.PathLike[str], frame: int = 0) -> Contents:
 
 
 def _molecule_of_ase(path: Any, form: str, frame: int) -> Contents:
-    try:
-        from ase.io import read as read_atoms
-    except ImportError:
-        raise missing("MDAnalysis", "programs") from None
+    ase = optional("ase.io", "programs", "MDAnalysis")
     kind = {"PDB": "proteindatabank", "GRO": "gromacs"}[form]
     with _by("ase", path):
-        frames: Any = read_atoms(os.fspath(path), index=":", format=kind)
+        frames: Any = ase.read(os.fspath(path), index=":", format=kind)
     frames = [atoms for atoms in frames if len(atoms)] or frames[:1]
     atoms = frames[frame_index(path, frame, len(frames))]
     edges = np.asarray(atoms.cell) if atoms.cell.rank == 3 else None
@@ -110,10 +104,7 @@ def _molecule(path: Any, particles: Particles | None, edges: Any, n_frames: int)
 
 def read_snapshot(path: str | os.PathLike[str]) -> Particles:
     """A snapshot of Gadget 1 and 2 or of Tipsy: its gas, or else all particles, in its units."""
-    try:
-        import pynbody
-    except ImportError:
-        raise missing("pynbody", "programs") from None
+    pynbody = optional("pynbody", "programs")
     with warnings.catch_warnings(), _by("pynbody", path):
         warnings.simplefilter("ignore")  # of parameters in other files
         found = particles_of(pynbody.load(os.fspath(path)))

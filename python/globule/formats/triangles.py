@@ -19,7 +19,11 @@ from .kind import Kind, kind_of, kind_or_none, wrong_kind
 from .packed import opens_packed
 from .size import whole_file
 
-_FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp", "vtu", "vts", "vtr", "xdmf", "hdf5", *vtk_parts.FORMATS)
+_OF_CELLS: dict[str, Any] = {  # the modules that read the faces of cells, and say whether there are any
+    "vtk": vtk_legacy, "vtp": vtk_xml, "vtu": vtk_xml, "vts": vtk_xml_grids, "vtr": vtk_xml_grids,
+    "xdmf": xdmf, "hdf5": vtkhdf,
+}  # fmt: skip
+_FORMATS = ("stl", "obj", "glb", "ply", *_OF_CELLS, *vtk_parts.FORMATS)
 
 
 def read(path: str | os.PathLike[str], origin: Any = "auto") -> Triangles:
@@ -48,20 +52,9 @@ def read(path: str | os.PathLike[str], origin: Any = "auto") -> Triangles:
 
 @opens_packed
 def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarray]:
-    if kind.format == "ply":
-        return ply.read_triangles(path)
-    if kind.format == "vtk":
-        return vtk_legacy.read_triangles(path)
-    if kind.format in ("vtp", "vtu"):
-        return vtk_xml.read_triangles(path)
-    if kind.format in ("vts", "vtr"):
-        return vtk_xml_grids.read_triangles(path)
-    if kind.format == "xdmf":
-        return xdmf.read_triangles(path)
-    if kind.format == "hdf5":
-        return vtkhdf.read_triangles(path)
     if kind.format not in vtk_parts.FORMATS:
-        return mesh.read_triangles(path)
+        reader = ply if kind.format == "ply" else _OF_CELLS.get(kind.format, mesh)
+        return reader.read_triangles(path)
     parts, faces, first = [], [np.empty((0, 3), np.int64)], 0
     for place in vtk_parts.places(path, kind.format):
         if not part_has_faces(place):
@@ -106,16 +99,8 @@ def _has_faces(path: str, kind: Kind, changed: int, size: int) -> bool:
         return False
     if kind.format == "obj":
         return re.search(rb"(^|\n)f[ \t]", whole_file(path, 4.0)) is not None
-    if kind.format == "vtk":
-        return vtk_legacy.has_faces(path)
-    if kind.format in ("vtp", "vtu"):
-        return vtk_xml.has_faces(path)
-    if kind.format in ("vts", "vtr"):
-        return vtk_xml_grids.has_faces(path)
-    if kind.format == "xdmf":
-        return xdmf.has_faces(path)
-    if kind.format == "hdf5":
-        return vtkhdf.has_faces(path)
+    if kind.format in _OF_CELLS:
+        return _OF_CELLS[kind.format].has_faces(path)
     return kind.kind == "mesh"
 
 

@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 from .._base.files import atomic_write
 from .contents import Contents
-from .errors import FormatError, bad
+from .errors import FormatError, faults
 from .triangles import part_has_faces
 from .vtk_parts import checked_places, join, parts_of
 
@@ -58,10 +58,8 @@ def _contents(path: Any, form: str, frame: int) -> Contents:
 
     found = parts_of(path, form, frame)
     files = checked_places(path, found.names, form, warn=True)
-    try:
+    with faults(path, refused=FormatError):
         contents = [read_contents(file) for file in files]
-    except FormatError as error:
-        raise bad(path, "", str(error)) from None
     parts = [one.particles for one in contents]
     time = found.time if found.time is not None or found.n_frames > 1 else contents[0].time
     filled = [(part, file) for part, file in zip(parts, files, strict=True) if len(part)]

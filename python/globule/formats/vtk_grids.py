@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .asciinum import numbers_of_words
 from .cells import GHOSTS, Cells
 from .errors import shown
 from .size import check_memory, whole_file
@@ -118,11 +119,8 @@ class _Image(VtkReader):
     """STRUCTURED_POINTS: values on a grid, with the first axis the fastest."""
 
     data_sets = ("STRUCTURED_POINTS",)
-
-    def __init__(self, path: Any, data: bytes) -> None:
-        super().__init__(path, data)
-        self.size: tuple[int, ...] = ()  # x, y, z
-        self.spacing, self.origin = np.ones(3), np.zeros(3)
+    size: tuple[int, ...] = ()  # x, y, z
+    spacing, origin = np.ones(3), np.zeros(3)
 
     def image(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
         self.sections()
@@ -148,10 +146,7 @@ class _Image(VtkReader):
         return math.prod(self.size) if self.size else 0
 
     def three(self, words: list[bytes]) -> np.ndarray:
-        try:
-            values = np.array([float(word) for word in words[1:]])
-        except ValueError:
-            values = np.empty(0)
+        values = numbers_of_words(words[1:])
         if len(values) != 3 or not np.isfinite(values).all():
             self.fail(f"expected three numbers after {shown(words[0])}")
         return values

@@ -12,7 +12,7 @@ from . import cells
 from .asciinum import end_of_tokens, parse_numbers
 from .cell_data import at_points, point_arrays
 from .cells import Cells
-from .errors import FormatError, bad, shown
+from .errors import bad, faults, shown
 from .fields import particles_from
 from .size import check_memory
 
@@ -76,10 +76,8 @@ class VtkReader:
     def particles(self) -> Particles:
         """The points that are no ghosts, with their data and that of vertex cells."""
         points = self.read()
-        try:
+        with faults(self.path, "cells"):
             arrays, kept = point_arrays(len(points), self.arrays, self.cell_arrays, self.n_cells, self.cells)
-        except ValueError as error:
-            raise self.of_cells(error) from None
         if kept is not None:
             points, arrays = points[kept], {name: a[kept] for name, a in arrays.items()}
         return particles_from(self.path, points, arrays)
@@ -87,16 +85,10 @@ class VtkReader:
     def triangles(self) -> tuple[Particles, np.ndarray]:
         """All points with their data, and triangles (F, 3)."""
         points = self.read()
-        try:
+        with faults(self.path, "cells"):
             found = self.cells()
             faces = cells.triangles(points, found, self.arrays, self.cell_arrays)
-        except ValueError as error:
-            raise self.of_cells(error) from None
         return particles_from(self.path, points, at_points(len(points), found, self.cell_arrays) | self.arrays), faces
-
-    def of_cells(self, error: ValueError) -> FormatError:
-        """A mistake in the cells; one of the text names its line already."""
-        return error if isinstance(error, FormatError) else bad(self.path, "cells", str(error))
 
     def read(self) -> np.ndarray:
         """The points (N, 3), and all arrays."""

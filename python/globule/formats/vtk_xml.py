@@ -14,31 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from .._base.files import atomic_write
 from ..data.particles import Particles
 from . import cells
 from .asciinum import parse_numbers
 from .cell_data import at_points, point_arrays
 from .cells import Cells
 from .contents import Contents
-from .errors import FormatError, bad, shown
+from .errors import FormatError, bad, faults, shown
 from .fields import particles_from, per_particle
-from .guarded import need
 from .size import check_memory, check_size, whole_file
+from .vtk_xml_data import TYPES, Appended, Stream, unpack
 from .xml import parse_xml
 
-TYPES = {
-    "Int8": "i1",
-    "UInt8": "u1",
-    "Int16": "i2",
-    "UInt16": "u2",
-    "Int32": "i4",
-    "UInt32": "u4",
-    "Int64": "i8",
-    "UInt64": "u8",
-    "Float32": "f4",
-    "Float64": "f8",
-}
 TIMES = ("TimeValue", "TIME")  # of ParaView and VisIt
 _LISTS = {  # of PolyData, in the order of the cells' data
     "Verts": cells.VERTICES,
@@ -47,7 +34,6 @@ _LISTS = {  # of PolyData, in the order of the cells' data
     "Strips": cells.STRIPS,
 }
 _APPENDED = re.compile(rb"<AppendedData\b([^>]*)>\s*")
-_WRITTEN = {code: name for name, code in TYPES.items()} | {"b1": "UInt8"}
 
 
 def read(path: str | os.PathLike[str]) -> Contents:
@@ -74,49 +60,24 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write one piece with a vertex at each point, as appended raw little-endian data."""
-    from xml.sax.saxutils import quoteattr
-
     n = len(particles)
     index = np.int32 if n < 2**31 - 1 else np.int64
     connectivity = np.arange(n, dtype=index)
     offsets = np.arange(1, n + 1, dtype=index)
     poly = os.fspath(path).lower().endswith(".vtp")
     kind, cells = ("PolyData", "Verts") if poly else ("UnstructuredGrid", "Cells")
-    blocks: list[np.ndarray] = []
-    offset = 0
-
-    def array(name: str, values: np.ndarray) -> str:
-        nonlocal offset
-        if values.dtype.kind == "f" and values.itemsize not in (4, 8):
-            values = values.astype(np.float32 if values.itemsize == 2 else np.float64)
-        values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-        k = 1 if values.ndim == 1 else values.shape[1]
-        blocks.append(values)
-        element = (
-            f'<DataArray type="{_WRITTEN[values.dtype.str[1:]]}" Name={quoteattr(name)} '
-            f'NumberOfComponents="{k}" format="appended" offset="{offset}"/>\n'
-        )
-        offset += 8 + values.nbytes
-        return element
-
-    head = (
-        '<?xml version="1.0" encoding="utf-8"?>\n'
-        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+    data = Appended()
+    data.write(
+        path,
+        kind,
         f'<{kind}>\n<Piece NumberOfPoints="{n}" Number{"OfVerts" if poly else "OfCells"}="{n}">\n'
-        f"<Points>\n{array('Points', particles.world_positions())}</Points>\n<PointData>\n"
-        + "".join(array(name, values) for name, values in per_particle(particles).items())
-        + f"</PointData>\n<{cells}>\n"
-        + array("connectivity", connectivity)
-        + array("offsets", offsets)
-        + ("" if poly else array("types", np.ones(n, np.uint8)))
-        + f'</{cells}>\n</Piece>\n</{kind}>\n<AppendedData encoding="raw">\n_'
+        f"<Points>\n{data.add('Points', particles.world_positions())}</Points>\n<PointData>\n"
+        f"{data.add_all(per_particle(particles))}</PointData>\n<{cells}>\n"
+        + data.add("connectivity", connectivity)
+        + data.add("offsets", offsets)
+        + ("" if poly else data.add("types", np.ones(n, np.uint8)))
+        + f"</{cells}>\n</Piece>\n</{kind}>\n",
     )
-    with atomic_write(path) as file:
-        file.write(head.encode())
-        for values in blocks:
-            file.write(values.nbytes.to_bytes(8, "little"))
-            file.write(values.tobytes())
-        file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
 class VtkXml:
@@ -202,11 +163,9 @@ class VtkXml:
             arrays = self.piece(element)
             points = arrays["", 3]
             of_cells = self.cell_arrays(element)
-            try:
+            with faults(self.path, "cells"):
                 own = self.cells(element)
                 faces = cells.triangles(points, own, named(arrays), of_cells)
-            except ValueError as error:
-                raise self.of_cells(error) from None
             pieces.append(_keyed(at_points(len(points), own, of_cells) | named(arrays)) | {("", 3): points})
             found.append(faces + first)
             first += len(points)
@@ -226,19 +185,13 @@ class VtkXml:
         """As `piece`, without ghosts, and with the data of vertex cells."""
         arrays = self.piece(element)
         points = arrays.pop(("", 3))
-        try:
+        with faults(self.path, "cells"):
             found, kept = point_arrays(
                 len(points), named(arrays), self.cell_arrays(element), self.n_cells(element),
                 lambda: self.cells(element),
             )  # fmt: skip
-        except ValueError as error:
-            raise self.of_cells(error) from None
         keyed = _keyed(found) | {("", 3): points}
         return keyed if kept is None else {key: a[kept] for key, a in keyed.items()}
-
-    def of_cells(self, error: ValueError) -> FormatError:
-        """A mistake in the cells; one of an array names it already."""
-        return error if isinstance(error, FormatError) else bad(self.path, "cells", str(error))
 
     def n_cells(self, element: Any) -> int:
         """How many cells a piece has."""
@@ -355,7 +308,7 @@ class VtkXml:
             else:
                 source, is_base64 = self.appended, self.appended_is_base64
                 start = self.count(element, "offset")
-            stream = _Stream(source, start, is_base64, lambda problem: self.bad(name, problem))
+            stream = Stream(source, start, is_base64, lambda problem: self.bad(name, problem))
             raw = self.payload(stream, n * k * dtype.itemsize)
             values = np.frombuffer(raw, dtype.newbyteorder(self.order)).astype(dtype)
         else:
@@ -381,7 +334,7 @@ class VtkXml:
             raise self.bad(name, f"expected {n} numbers, got {len(values)}")
         return values
 
-    def payload(self, stream: _Stream, expected: int) -> bytes:
+    def payload(self, stream: Stream, expected: int) -> bytes:
         """The `expected` bytes of an array, behind a header with sizes."""
         width = self.header_dtype.itemsize
         if not self.compressed:
@@ -402,7 +355,7 @@ class VtkXml:
         if sum(sizes) != expected:
             raise stream.bad(f"expected {expected} bytes, got blocks of {sum(sizes)}")
         packed = stream.rest(sum(packed_sizes))
-        return _unpack(self.compressed, packed, packed_sizes, sizes, stream)
+        return unpack(self.compressed, packed, packed_sizes, sizes, stream)
 
 
 class MappedVtk(VtkXml):
@@ -469,101 +422,3 @@ def _counts(element: Any) -> tuple[str, ...]:
 def _text(element: Any) -> str:
     """The text of an element without that of its children (VTK's information keys)."""
     return (element.text or "") + "".join(child.tail or "" for child in element)
-
-
-def _unpack(how: str, raw: bytes, packed_sizes: list[int], sizes: list[int], stream: _Stream) -> bytes:
-    blocks, position = [], 0
-    unpack = {"zlib": _zlib, "lz4": _lz4, "lzma": _lzma}[how]
-    for packed_size, size in zip(packed_sizes, sizes, strict=True):
-        try:
-            block = unpack(raw[position : position + packed_size], size)
-        except ValueError as error:
-            raise stream.bad(f"expected {how} data, got {error}") from None
-        if len(block) != size:
-            raise stream.bad(f"expected a block of {size} bytes, got another size")
-        blocks.append(block)
-        position += packed_size
-    return b"".join(blocks)
-
-
-def _zlib(packed: bytes, size: int) -> bytes:
-    import zlib
-
-    inflater = zlib.decompressobj()
-    try:
-        block = inflater.decompress(packed, size + 1)
-    except zlib.error as error:
-        raise ValueError(str(error)) from None
-    return block if inflater.eof else b""
-
-
-def _lz4(packed: bytes, size: int) -> bytes:
-    need("lz4", "lz4", "formats")
-    import lz4.block
-
-    try:
-        return lz4.block.decompress(packed, uncompressed_size=size)
-    except lz4.block.LZ4BlockError as error:
-        raise ValueError(str(error)) from None
-
-
-def _lzma(packed: bytes, size: int) -> bytes:
-    import lzma
-
-    try:  # a dictionary need not be larger than what it unpacks to, but has a least size
-        inflater = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=2 * size + (1 << 27))
-        return inflater.decompress(packed, size + 1)
-    except (lzma.LZMAError, EOFError) as error:
-        raise ValueError(str(error)) from None
-
-
-class _Stream:
-    """Header and data of one array, raw or as base64.
-
-    In base64 the header of compressed data is padded and encoded on its own. That of plain data
-    is encoded together with them, though some writers pad it too; a '=' in it tells.
-    """
-
-    def __init__(self, source: memoryview, start: int, is_base64: bool, bad_array: Any) -> None:
-        self.source = source
-        self.start = start
-        self.is_base64 = is_base64
-        self.bad = bad_array
-        self.header_size = 0
-
-    def header(self, size: int) -> bytes:
-        """The first `size` bytes; a longer header may be asked for next."""
-        self.header_size = size
-        raw = self.take(self.start, size)
-        last, padding = self.start + 4 * -(-size // 3), b"=" * (-size % 3)
-        if self.is_base64 and padding and self.source[last - len(padding) : last] == padding:
-            self.end_header()  # one = less ends data of one byte
-        return raw
-
-    def end_header(self) -> None:
-        """The data begin anew behind the header."""
-        if self.header_size:
-            size = self.header_size
-            self.start += 4 * -(-size // 3) if self.is_base64 else size
-            self.header_size = 0
-
-    def rest(self, size: int) -> bytes:
-        return self.take(self.start, self.header_size + size)[self.header_size :]
-
-    def take(self, start: int, size: int) -> bytes:
-        import binascii
-
-        length = 4 * -(-size // 3) if self.is_base64 else size
-        if start + length > len(self.source):
-            left = max(0, len(self.source) - start)
-            raise self.bad(f"expected {length} bytes at offset {start}, got {left}")
-        piece = self.source[start : start + length]
-        if not self.is_base64:
-            return bytes(piece)
-        try:
-            raw = binascii.a2b_base64(piece)
-        except binascii.Error as error:
-            raise self.bad(f"expected base64 at offset {start}, got {error}") from None
-        if len(raw) < size:
-            raise self.bad(f"expected {size} bytes at offset {start}, got {len(raw)}")
-        return raw[:size]

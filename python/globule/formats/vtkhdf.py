@@ -12,8 +12,9 @@ import numpy as np
 from ..data.particles import Particles
 from . import cells, hdf5
 from .contents import frame_index
-from .errors import bad
-from .hdf5_layouts import Layout, Source, Tree, frame_entry, vtkhdf_block, vtkhdf_parts, vtkhdf_roots
+from .errors import faults
+from .hdf5_layouts import frame_entry, vtkhdf_block, vtkhdf_parts, vtkhdf_roots
+from .hdf5_tree import Layout, Source, Tree
 
 _GLANCE = 1 << 20  # bytes in which the group's name stands
 _LISTS = {"Vertices": cells.VERTICES, "Lines": cells.LINES, "Polygons": cells.POLYGONS, "Strips": cells.STRIPS}
@@ -45,11 +46,9 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]
     """Read the points of a frame, and the faces of its cells as triangles (F, 3). Raises FormatError."""
     particles = hdf5.read(path, getattr(path, "frame", 0)).particles
     parts, arrays = _read(path, ("Types", "Offsets", "Connectivity"))
-    try:
+    with faults(path, "/VTKHDF"):
         whole = cells.joined(_cells(part, arrays, str(k)) for k, part in enumerate(parts))
         return particles, cells.triangles(np.asarray(particles.positions), whole, {}, {})
-    except ValueError as error:
-        raise bad(path, "/VTKHDF", str(error)) from None
 
 
 def _cells(part: _Part, arrays: dict[str, np.ndarray], k: str) -> cells.Cells:

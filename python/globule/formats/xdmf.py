@@ -22,7 +22,7 @@ from . import cells
 from .asciinum import parse_numbers
 from .cell_data import at_points
 from .contents import Contents, frame_index
-from .errors import bad, shown
+from .errors import bad, faults, shown
 from .fields import particles_from
 from .hdf5 import read_arrays
 from .size import check_size, whole_file
@@ -71,10 +71,8 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]
     faces, first = [], 0
     for grid in grids:
         positions = grid.arrays()[0]
-        try:
+        with faults(path, "<Topology>"):
             faces.append(cells.triangles(positions, grid.find_cells(), {}, {}) + first)
-        except ValueError as error:
-            raise bad(path, "<Topology>", str(error)) from None
         first += len(positions)
     return read(path, grids[0].frame).particles, np.concatenate(faces)
 
@@ -87,10 +85,8 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
 def _has_faces(path: Any, grid: _Grid) -> bool:
     if grid.topology != "mixed":
         return grid.topology in ("polygon", *_CELLS)
-    try:
+    with faults(path, "<Topology>"):
         return cells.have_faces(grid.find_cells().types)
-    except ValueError as error:
-        raise bad(path, "<Topology>", str(error)) from None
 
 
 def _grids(path: Any, frame: int) -> list[_Grid]:
@@ -186,12 +182,10 @@ class _Grid:
         positions = np.pad(positions, ((0, 0), (0, 3 - positions.shape[1])))
         of_points = {k: a[0] for k, a in found.items() if len(a[0]) == len(positions)}
         if of_cells and self.topology in ("mixed", "polygon", *_CELLS):
-            try:
+            with faults(path, "<Topology>"):
                 own = self.find_cells()
                 if problem := own.problem(len(positions)):
                     raise ValueError(problem)
-            except ValueError as error:
-                raise bad(path, "<Topology>", str(error)) from None
             values = {k: found[k][0] for k in of_cells if len(found[k][0]) == len(own.types)}
             of_points = {k: a for k, a in of_points.items() if k not in of_cells}
             of_points |= at_points(len(positions), own, values)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import VectorLike, to_host
-from .._base.checks import shown, three
+from .._base.checks import array_of_numbers, shown, three
 from ..pieces.scene import Scene
 from .places import SamplePlane
 from .samples import Samples
@@ -35,15 +35,9 @@ def gauge(
     Returns:
         (M,) float64, or a float for one gauge: world units along `up`, from the particles' origin;
         NaN where the ray meets no surface.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     places = _places(at)
-    if up is not None:
-        up_axis(up)  # checked before any work
-    if not isinstance(scene, Scene):
-        scene = surface_scene(scene, device=device, threads=threads)
-    axis, sign = up_axis(scene.up if up is None else up)
+    scene, axis, sign = _upright(scene, up, device=device, threads=threads)
     heights = heights_at(scene, places.reshape(-1, 2), axis, sign)
     return heights if places.ndim == 2 else heights[0]
 
@@ -66,14 +60,8 @@ def map_heights(
         `Samples` of a plane with the value "height": (V, U) float32, world units along `up`; NaN
         where there is no surface. The points are those of the surface, with the lowest height of
         the map where there is none.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
-    if up is not None:
-        up_axis(up)  # checked before any work
-    if not isinstance(scene, Scene):
-        scene = surface_scene(scene, device=device, threads=threads)
-    axis, sign = up_axis(scene.up if up is None else up)
+    scene, axis, sign = _upright(scene, up, device=device, threads=threads)
     lattice = SamplePlane(np.eye(3)[axis], 0.0, spacing, box).lattice(scene)
     points = lattice.points()
     flat = points.reshape(-1, 3)
@@ -85,6 +73,14 @@ def map_heights(
     coords = dict(zip(lattice.dims, lattice.coords, strict=True))
     origin = scene.origin
     return Samples(points, values, lattice.dims, coords, lattice.steps, origin)
+
+
+def _upright(scene: Any, up: VectorLike | None, **options: Any) -> tuple[Scene, int, float]:
+    """The scene to measure, and axis and sign of its upward direction."""
+    if up is not None:
+        up_axis(up)  # checked before any work
+    scene = surface_scene(scene, **options)
+    return scene, *up_axis(scene.up if up is None else up)
 
 
 def heights_at(scene: Scene, places: np.ndarray, axis: int, sign: float) -> np.ndarray:
@@ -137,10 +133,7 @@ def up_axis(up: VectorLike) -> tuple[int, float]:
 
 
 def _places(at: Any) -> np.ndarray:
-    try:
-        places = np.asarray(at, np.float64)
-    except (TypeError, ValueError):
-        places = np.empty(0)
+    places = array_of_numbers(at)
     if places.ndim not in (1, 2) or places.shape[-1] != 2:
         raise TypeError(f"at: expected two horizontal coordinates (M, 2), got {shown(at)}")
     if not np.isfinite(places).all():

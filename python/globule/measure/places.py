@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import VectorLike, box_corners
-from .._base.checks import number, positive, shown, three, unit, whole
+from .._base.checks import corners, number, positive, shown, three, unit, whole
 from .._base.fixed import Fixed, read_only
 from ..pieces.scene import Scene
-from .surface import MOST_PLACES, box_of, box_of_corners, counts, default_spacing
+from .surface import MOST_PLACES, box_of, counts, default_spacing
 
 
 class Lattice(NamedTuple):
@@ -65,21 +65,18 @@ class SamplePlane(Fixed):
     def _check(self) -> None:
         unit("normal", self.normal)
         number("offset", self.offset)
-        if self.spacing is not None:
-            positive("spacing", self.spacing)
-        if self.box is not None:
-            box_of_corners(self.box)
+        _check_extent(self)
 
     def lattice(self, scene: Scene) -> Lattice:
         """The places, for this scene."""
         normal = np.asarray(unit("normal", self.normal))
         offset = self.offset / float(np.linalg.norm(np.asarray(self.normal, np.float64)))
         u, v = plane_axes(normal)
-        lo, hi = box_of(scene) if self.box is None else box_of_corners(self.box)
-        corners = box_corners(lo, hi)
+        lo, hi = box_of(scene) if self.box is None else corners("box", self.box)
+        ends = box_corners(lo, hi)
         spacing = self.spacing or default_spacing(scene)
-        low = np.array([(corners @ axis).min() for axis in (v, u)])
-        high = np.array([(corners @ axis).max() for axis in (v, u)])
+        low = np.array([(ends @ axis).min() for axis in (v, u)])
+        high = np.array([(ends @ axis).max() for axis in (v, u)])
         shape = counts(high - low, spacing)
         origin = low[0] * v + low[1] * u + offset * normal
         coords = tuple(low[i] + spacing * np.arange(shape[i]) for i in (0, 1))
@@ -128,19 +125,23 @@ class SampleGrid(Fixed):
     box: Any = None
 
     def _check(self) -> None:
-        if self.spacing is not None:
-            positive("spacing", self.spacing)
-        if self.box is not None:
-            box_of_corners(self.box)
+        _check_extent(self)
 
     def lattice(self, scene: Scene) -> Lattice:
         """The places, for this scene."""
-        lo, hi = box_of(scene) if self.box is None else box_of_corners(self.box)
+        lo, hi = box_of(scene) if self.box is None else corners("box", self.box)
         spacing = self.spacing or default_spacing(scene)
         shape = counts(hi - lo, spacing)[::-1]
         steps = spacing * np.eye(3)[::-1]
         coords = tuple(lo[2 - i] + spacing * np.arange(shape[i]) for i in range(3))
         return Lattice(lo, steps, tuple(shape), ("z", "y", "x"), coords)
+
+
+def _check_extent(places: SamplePlane | SampleGrid) -> None:
+    if places.spacing is not None:
+        positive("spacing", places.spacing)
+    if places.box is not None:
+        corners("box", places.box)
 
 
 def plane_axes(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ from ..fluids.likeness import assess_fluid
 from ..pieces.scene import Scene
 from ..render.camera import Camera
 from .places import SamplePlane
+from .sample import different_names
 from .samples import Samples
 from .surface import box_of, default_spacing, in_blocks, measured_particles
 
@@ -72,15 +73,9 @@ def project(
         the world's unit of length. For a Camera the points lie in the plane through its `look_at`,
         and v runs down the image. The error of a pixel is that of float32, about 1e-6 of the
         value.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
-    names = [values] if isinstance(values, str) else values
-    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
-        raise TypeError(f"values: expected names, got {shown(values)}")
-    if not names:
+    if not (names := different_names(values)):
         raise ValueError("values: expected at least one name, got none")
-    names = list(dict.fromkeys(names))
     own: Any = None
     made = particles if isinstance(particles, Scene) else None
     if made is not None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import to_host
-from .._base.checks import shown
+from .._base.checks import array_of_numbers, shown
 from ..data.attributes import attribute_values
 from ..pieces.scene import Scene
 from .places import SampleGrid, SampleLine, SamplePlane
@@ -44,11 +44,8 @@ def sample(
 
     Returns:
         `Samples`; float32, "inside" bool. Blended values are NaN where no particle reaches.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
-    if not isinstance(scene, Scene):
-        scene = surface_scene(scene, device=device, threads=threads)
+    scene = surface_scene(scene, device=device, threads=threads)
     names = names_of(scene, values)
     if not names:
         raise ValueError("values: expected at least one name, got none")
@@ -117,9 +114,7 @@ def names_of(scene: Scene, values: Any) -> list[str]:
     """The names that `values` gives, checked; None stands for all."""
     if values is None:
         return ["field", "inside", *scene.particles.attributes]
-    names = [values] if isinstance(values, str) else values
-    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
-        raise TypeError(f"values: expected names, got {shown(values)}")
+    names = different_names(values)
     for name in names:
         if name in OF_THE_FIELD or name in scene.particles.attributes:
             continue
@@ -128,14 +123,19 @@ def names_of(scene: Scene, values: Any) -> list[str]:
         except ValueError as error:
             known = str(error).replace("one of ", f"one of {', '.join(OF_THE_FIELD)}, ", 1)
             raise ValueError(f"values: {known}") from None
+    return names
+
+
+def different_names(values: Any) -> list[str]:
+    """One name or several, each once."""
+    names = [values] if isinstance(values, str) else values
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"values: expected names, got {shown(values)}")
     return list(dict.fromkeys(names))
 
 
 def _points(where: Any) -> np.ndarray:
-    try:
-        points = np.asarray(to_host(where), np.float32)
-    except (TypeError, ValueError):
-        points = np.empty(0, np.float32)
+    points = array_of_numbers(to_host(where), np.float32)
     expected = "a SamplePlane, SampleLine, SampleGrid or points (M, 3)"
     if points.ndim != 2 or points.shape[1] != 3:
         raise TypeError(f"where: expected {expected}, got {shown(where)}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.checks import a_path, missing
+from .._base.checks import a_path, optional
 from .._base.files import atomic_write
 from ..data.particles import HERE
 from ..formats.vtk_data import write_image, write_polygons
@@ -77,10 +77,7 @@ class Samples:
 
         Raises MissingPackageError without xarray.
         """
-        try:
-            import xarray
-        except ImportError:
-            raise missing("xarray", "measure") from None
+        xarray = optional("xarray", "measure")
         components = {name: f"{name}_component" for name, array in self.values.items() if array.ndim > len(self.dims)}
         data: dict[str, Any] = {
             name: ((*self.dims, components[name]) if name in components else self.dims, array)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import to_host
-from .._base.checks import shown
 from ..data.particles import Particles
 from ..pieces.scene import Scene
 from ..pieces.shown import shown_scene
@@ -30,8 +29,6 @@ def surface_scene(source: Any, **options: Any) -> Scene:
     Args:
         source: a Scene, or what `Scene` takes as particles.
         options: keyword arguments of `Scene`, for particles only.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(source, Scene):
         return shown_scene(measured_particles("particles", source), **options)
@@ -39,10 +36,7 @@ def surface_scene(source: Any, **options: Any) -> Scene:
 
 
 def measured_particles(name: str, source: Any) -> Particles:
-    """Particles, as `as_particles` makes them, but not of the vertices of a mesh's file.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
-    """
+    """Particles, as `as_particles` makes them, but not of the vertices of a mesh's file."""
     if isinstance(source, str | os.PathLike):
         from ..formats.triangles import part_has_faces  # formats are loaded when they are needed
 
@@ -82,19 +76,6 @@ def default_spacing(scene: Scene) -> float:
         return float(np.median(spheres[1])) / 2
     support = float(np.max(to_host(scene.support), initial=0))
     return min(scene.spacing / 2, support / 4) or support / 8
-
-
-def box_of_corners(box: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Two finite corners (3,), the first one lower or equal along every axis."""
-    try:
-        corners = np.asarray(box, np.float64)
-    except (TypeError, ValueError):
-        corners = np.empty(0)
-    good = corners.shape == (2, 3) and np.isfinite(corners).all()
-    if not good or (corners[0] > corners[1]).any():
-        expected = "two finite corners ((x, y, z), (x, y, z))"
-        raise ValueError(f"box: expected {expected}, got {shown(box)}")
-    return corners[0], corners[1]
 
 
 def counts(lengths: np.ndarray, spacing: float) -> list[int]:

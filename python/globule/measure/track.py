@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import positive
-from ..render.sequence import KeptScene, are_files, find_files, leader, with_frames
+from ..render.image_sequence import KeptScene
+from ..render.sequence import all_frames, leader
 from .mesh import in_closed_form, measured, mesh_surface
 from .surface import default_spacing, measured_particles, spheres_of, surface_scene
 
@@ -45,25 +46,22 @@ def track_surface(
 
     Raises as `mesh_surface` does, and ValueError for a pattern without files.
     """
-    if isinstance(frames, (str, os.PathLike)):
-        frames = with_frames(find_files([os.fspath(frames)]))
-    elif are_files(frames):
-        frames = with_frames(list(map(os.fspath, frames)))
-    total = len(frames) if isinstance(frames, Sized) else 0
+    every = all_frames(frames)
+    total = len(every) if isinstance(every, Sized) else 0
     spacing = None if spacing is None else positive("spacing", spacing)
     lead = None
-    if isinstance(frames, Sequence) and (at := leader(frames)):
-        lead = functools.partial(measured_particles, "frames", frames[at])
-    scenes = KeptScene(lead, grows=not isinstance(frames, Sequence))
+    if isinstance(every, Sequence) and (at := leader(every)):
+        lead = functools.partial(measured_particles, "frames", every[at])
+    scenes = KeptScene(lead, grows=not isinstance(every, Sequence))
     rows = []
-    for number, frame in enumerate(frames):
+
+    def made(scene: Any) -> None:
+        nonlocal spacing
+        if spacing is None and scene.octree.n_inside:
+            spacing = default_spacing(scene)
+
+    for number, frame in enumerate(every):
         particles = measured_particles("frames", frame)
-
-        def made(scene: Any) -> None:
-            nonlocal spacing
-            if spacing is None and scene.octree.n_inside:
-                spacing = default_spacing(scene)
-
         scene = scenes.show(particles, lambda p: surface_scene(p, device=device, threads=threads), made)
         rows.append({"frame": number} | facts(scene, spacing))
         if progress and total:

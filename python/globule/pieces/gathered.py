@@ -9,8 +9,8 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.ranks import Alone
 from ..data.particles import Particles
-from .pieces import BYTES, check_reach
-from .store import COLUMNS, TELLING, Layout
+from .pieces import BYTES
+from .store import COLUMNS, TELLING, Layout, check_reach
 
 LIGHT_BYTES = 1470  # a particle of a pool of a million: the cells that light needs, on a CPU
 FACTORS = ("reflection", "refraction")

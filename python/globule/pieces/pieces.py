@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -15,26 +15,15 @@ from .._base.device import choose
 from .._base.memory import resident_bytes, trim
 from .._base.owner import Owner
 from .._base.ranks import ranks_of
-from ..data.attributes import MOST_KINDS, attribute_values, checked_range, color_by, ends_of_map, found_kinds, listed
+from ..data.attributes import checked_range, color_by, ends_of_map, listed
 from ..data.particles import Particles
-from ..data.radii import find_radii
 from ..data.spacing import normal_of
 from ..fluids.likeness import RADII, suitable_surface
 from ..scene.fitting import octree_bytes, room_on
-from ..scene.scene import (
-    DEFAULTS,
-    KERNELS,
-    REACH,
-    SMOOTH_SUPPORT,
-    SMOOTH_THRESHOLD,
-    SPHERE_RADIUS,
-    SPHERE_SUPPORT,
-    SPHERE_THRESHOLD,
-    SURFACES,
-    SceneBase,
-)
-from .partition import Partition, Space, box_of, cells_of, codes_of, histogram, space_around
-from .store import CHUNK, TELLING, Columns, Files, Layout, Source, layout_of, source_of
+from ..scene.scene import KERNELS, REACH, SMOOTH_SUPPORT, SPHERE_SUPPORT, SURFACES, SceneBase, threshold_of
+from .partition import Partition, Space, cells_of, codes_of, histogram, space_around
+from .store import CHUNK, TELLING, Columns, Files, Layout, Source, both, check_reach, source_of
+from .survey import radii_of, reach_of, survey
 
 # Bytes that a piece takes for each of its particles while it is read, built and traced, measured:
 # 58 and 95 on a CPU, with the rows themselves.
@@ -79,7 +68,6 @@ class Pieces(Owner):
             scene; of more than a million particles where they are densest.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
         MemoryError: the memory does not suffice for a piece.
         MissingPackageError: `comm` without mpi4py.
@@ -161,68 +149,32 @@ class Pieces(Owner):
 
     def _survey(self, source: Source) -> None:
         """What must be known of all particles before they are divided."""
-        low, high, values, kinds, reach, weight, n, factors, layout = self.ranks.together(
-            lambda: self._own_survey(source)
-        )
         ranks = self.ranks
-        self.n_particles = int(ranks.total(np.int64(n)))
+        part = ranks.together(lambda: survey(source, self.support, self._color))
+        self.n_particles = int(ranks.total(np.int64(part.n)))
         self.up, self._origin = source.up, source.origin
         self._outlined = source if self.n_particles <= WHOLE else None
-        lows, highs = ranks.least(low), ranks.most(high)
+        lows, highs = ranks.least(part.low), ranks.most(part.high)
         empty = not np.isfinite(lows).all()
         self.low: np.ndarray = np.zeros(3) if empty else lows
         self.high: np.ndarray = np.zeros(3) if empty else highs
         # The kernel `solid` is negative in its outer part.
-        self.negative = float(ranks.least(np.float64(weight))) < 0 or self.kernel == "solid"
-        self.factors = float(ranks.most(np.float64(factors)))
-        self._reach, self._radii = ranks.most(np.array(reach)).reshape(2, 2)
-        ends = np.array([ranks.least(values[:1])[0], ranks.most(values[1:])[0]])
+        self.negative = float(ranks.least(np.float64(part.weight))) < 0 or self.kernel == "solid"
+        self.factors = float(ranks.most(np.float64(part.factors)))
+        self._reach, self._radii = ranks.most(np.array(part.reach)).reshape(2, 2)
+        ends = np.array([ranks.least(part.values[:1])[0], ranks.most(part.values[1:])[0]])
         if self._color[0] is not None:
             name, colormap, own = self._color
             known = ends[np.isfinite(ends)]
             self._color = name, colormap, own or ends_of_map(name, known, self.n_particles)
-        self.kinds = listed({value: word for one in ranks.all(kinds) for value, word in one.items()})
-        layouts = [one for one in ranks.all(layout) if one is not None] or [Layout((), {})]
+        self.kinds = listed({value: word for one in ranks.all(part.kinds) for value, word in one.items()})
+        layouts = [one for one in ranks.all(part.layout) if one is not None] or [Layout((), {})]
         check_reach(layouts)
         for one in layouts[1:]:
-            layouts[0] = _both(layouts[0], one)
+            layouts[0] = both(layouts[0], one)
         self._layout = layouts[0]
         if self._color[0] is not None:
             self._layout = self._layout.with_each("color")
-
-    def _own_survey(self, source: Source) -> tuple[Any, ...]:
-        """This rank's box, values' ends, kinds of a legend, typical and largest reach, smallest weight, number of
-        particles, largest factor of reflection or refraction, and layout."""
-        low: np.ndarray = np.full(3, np.inf)
-        high: np.ndarray = np.full(3, -np.inf)
-        values, reach = np.array([np.inf, -np.inf]), [0.0, 0.0, 0.0, 0.0]  # by support, by radius
-        weight, n, factors = np.inf, 0, 0.0
-        kinds: dict[float, str] = {}
-        layout: Layout | None = None
-        for some in source.chunks():
-            n += len(some)
-            if not len(some):
-                continue
-            lowest, highest = box_of(to_host(some.positions))
-            low, high = np.minimum(low, lowest), np.maximum(high, highest)
-            found = layout_of(some, self.support)
-            layout = found if layout is None else _both(layout, found)
-            if some.weight is not None:
-                weight = min(weight, float(np.min(to_host(some.weight))))
-            for factor in (some.reflection, some.refraction):
-                factors = max(factors, 0.0 if factor is None else float(np.max(to_host(factor))))
-            for k, axes in (0, _reach(some, self.support)), (2, _radii(some)):
-                if axes is not None:
-                    reach[k] = max(reach[k], float(np.median(axes)))
-                    reach[k + 1] = max(reach[k + 1], float(np.max(axes)))
-            if self._color[0] is not None and len(kinds) <= MOST_KINDS:
-                kinds |= found_kinds(some, self._color[0], self._color[1])
-            if self._color[0] is not None and self._color[2] is None:
-                found_values = attribute_values(some, self._color[0])
-                known = found_values[np.isfinite(found_values)]
-                if known.size:
-                    values = np.array([min(values[0], known.min()), max(values[1], known.max())])
-        return low, high, values, kinds, reach, weight, n, factors, layout
 
     @property
     def origin(self) -> tuple[float, float, float]:
@@ -276,8 +228,7 @@ class Pieces(Owner):
         unknown = self.spacing is None if made else self.surface == "balls" and not own
         if auto or unknown:
             self._measure(source, auto)
-        usual = {"smooth": SMOOTH_THRESHOLD, "spheres": SPHERE_THRESHOLD}
-        default = usual.get(self.surface, DEFAULTS[self.kernel][1])
+        default = threshold_of(self.surface, self.kernel)
         self.threshold = default if threshold is None else positive("threshold", threshold)
         self._kernels()
 
@@ -451,9 +402,9 @@ class Pieces(Owner):
 
     def _placed(self, some: Particles) -> tuple[np.ndarray, np.ndarray]:
         """The rows (M, width) of the pieces, and whose they are (M,), in order."""
-        axes = _reach(some, self.support) if self.surface == "balls" else None
+        axes = reach_of(some, self.support) if self.surface == "balls" else None
         if self.surface == "spheres" and self._has_radii:
-            axes = _radii(some)
+            axes = radii_of(some)
         reach = self.reach if axes is None else axes
         positions = to_host(some.positions)
         row, piece = self.partition.needed(positions, reach)
@@ -531,42 +482,3 @@ class Pieces(Owner):
     def outside(self) -> float:
         """How far from a particle the surface may lie, world units."""
         return REACH[self.kernel] * float(self.support or self.reach)
-
-
-def _reach(particles: Particles, support: float | None) -> Any:
-    """How far kernels reach: one number or (N,); None where the particles do not say."""
-    if particles.anisotropy is not None:
-        return 1 / np.linalg.eigvalsh(particles.anisotropy.astype(np.float64))[:, 0]
-    return support if support else None if particles.support is None else to_host(particles.support)
-
-
-def _radii(particles: Particles) -> Any:
-    """How far spheres reach: (N,); None where the particles have no radii."""
-    radii = find_radii(particles, of_all=False)
-    return None if radii is None else radii / SPHERE_RADIUS
-
-
-def check_reach(layouts: Sequence[Layout]) -> None:
-    """Raise ValueError where some particles say how far their kernels reach and others do not."""
-    for name in ("support", "anisotropy"):
-        held = [name in x.each or name in x.one for x in layouts]
-        if any(held) and not all(held):
-            raise ValueError(f"{name}: expected it of all particles or of none, got some without")
-
-
-def _both(a: Layout, b: Layout) -> Layout:
-    """A layout for the particles of two."""
-    each = [name for name in a.each if name not in TELLING or name in b.each]
-    one = {}
-    for name in (*b.each, *b.one, *a.one):
-        if name in each or name in one or name in TELLING:
-            continue
-        if name in b.each or not _same(a.one.get(name), b.one.get(name)):
-            each.append(name)
-        else:
-            one[name] = a.one[name]
-    return Layout(tuple(each), one)
-
-
-def _same(a: Any, b: Any) -> bool:
-    return a is b if a is None or b is None else np.array_equal(a, b)

@@ -19,10 +19,10 @@ from .._base.device import Device, choose, of_rank
 from .._base.memory import free_bytes, resident_bytes, room
 from .._base.ranks import ranks_of
 from ..data.attributes import attribute_values, checked_range, color_by, ends_of_map
-from ..data.particles import FIELDS, Particles
+from ..data.particles import Particles
 from ..scene.fitting import counted, lacking
 from ..scene.scene import KERNELS, SURFACES, SceneBase, check_choices
-from ..scene.sources import as_particles
+from ..scene.sources import as_particles, check_update
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -77,7 +77,6 @@ class Scene(SceneBase):
             In pieces, rays that turn go from rank to rank.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
         RuntimeError: the device cannot be used.
     """
@@ -212,18 +211,14 @@ class SceneInPieces(Scene):
         """The next frame: other particles, or other arrays for fields of those that were given as
         arrays. They are divided again, and stay in pieces. A measured support stays; colors by a
         value do not."""
+        check_update(particles, fields)
         if particles is None:
-            unknown = fields.keys() - set(FIELDS)
-            if unknown:
-                raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}")
             if isinstance(self._given, (str, os.PathLike)):
                 raise ValueError(
                     "update: expected particles or a file's name with a scene in pieces of "
                     f"{os.fspath(self._given)}, got fields alone"
                 )
             particles = as_particles("particles", self._given)._with(fields, {})
-        elif fields:
-            raise TypeError("update: expected particles or fields, got both")
         with self._lock:
             self._make(counted("particles", particles)[0], None)
 
@@ -354,13 +349,9 @@ class SceneOnRanks(Scene):
         """
 
         def given() -> Particles:
+            check_update(particles, fields)
             if particles is None:
-                unknown = fields.keys() - set(FIELDS)
-                if unknown:
-                    raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}")
                 return self.particles._with(fields, self._known)
-            if fields:
-                raise TypeError("update: expected particles or fields, got both")
             return as_particles("particles", particles)
 
         with self._lock:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -205,3 +205,29 @@ class Files:
 
     def _path(self, piece: int) -> str:
         return os.path.join(self._folder.name, f"{piece}.rows")
+
+
+def check_reach(layouts: Sequence[Layout]) -> None:
+    """Raise ValueError where some particles say how far their kernels reach and others do not."""
+    for name in ("support", "anisotropy"):
+        held = [name in x.each or name in x.one for x in layouts]
+        if any(held) and not all(held):
+            raise ValueError(f"{name}: expected it of all particles or of none, got some without")
+
+
+def both(a: Layout, b: Layout) -> Layout:
+    """A layout for the particles of two."""
+    each = [name for name in a.each if name not in TELLING or name in b.each]
+    one = {}
+    for name in (*b.each, *b.one, *a.one):
+        if name in each or name in one or name in TELLING:
+            continue
+        if name in b.each or not _same(a.one.get(name), b.one.get(name)):
+            each.append(name)
+        else:
+            one[name] = a.one[name]
+    return Layout(tuple(each), one)
+
+
+def _same(a: Any, b: Any) -> bool:
+    return a is b if a is None or b is None else np.array_equal(a, b)

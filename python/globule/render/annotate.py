@@ -76,10 +76,7 @@ class LegendKind(Choice):
 @read_only
 @dataclass(frozen=True)
 class Annotation(Fixed):
-    """What is drawn into an image, or into each image of a sequence.
-
-    Raises TypeError and ValueError naming the field, the expected and the given value.
-    """
+    """What is drawn into an image, or into each image of a sequence."""
 
     title: str = setting(WORDS, "", "title at the top")
     scale_bar: bool = setting(

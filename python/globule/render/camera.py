@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import VectorLike, box_corners, on_gpu
-from .._base.checks import flag, image_size, number, positive, shown, three, unit
+from .._base.checks import flag, image_size, number, numeric, positive, shown, three, unit
 from .._base.fixed import Fixed, read_only
 from ..data.particles import FARTHEST
 from ..scene.sources import as_particles
@@ -46,8 +46,6 @@ class Camera(Fixed):
         fov: vertical field of view, degrees, above 0 and below 180.
         height: world units from the bottom to the top of the image; makes the camera
             orthographic, and `fov` is then not used.
-
-    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     eye: VectorLike
@@ -59,10 +57,7 @@ class Camera(Fixed):
     def _check(self) -> None:
         for name in ("eye", "look_at", "up"):
             given = getattr(self, name)
-            try:
-                value = np.asarray(given, dtype=np.float64)
-            except (TypeError, ValueError, OverflowError):
-                raise TypeError(f"{name}: expected three numbers, got {shown(given)}") from None
+            value = numeric(name, given, "three numbers")
             if value.shape != (3,) or not np.isfinite(value).all():
                 raise ValueError(f"{name}: expected three finite numbers, got {shown(given)}")
             if np.abs(value).max() > _FARTHEST:

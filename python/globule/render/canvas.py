@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import as_image
+
 LEAST_SIDE = 64  # pixels; in a smaller image no text can be read
 Color = tuple[int, int, int]
 DARK, LIGHT = (28, 32, 38), (240, 242, 245)
@@ -36,10 +38,7 @@ class Canvas:
     """
 
     def __init__(self, image: Any, scale: float = 1.0):
-        image = np.asarray(image)
-        if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
-            got = f"{image.dtype} {image.shape}"
-            raise ValueError(f"image: expected (H, W, 3) or (H, W, 4) uint8, got {got}")
+        image = as_image(image)
         if min(image.shape[:2]) < LEAST_SIDE:
             got = f"{image.shape[1]}x{image.shape[0]}"
             raise ValueError(f"image: expected at least {LEAST_SIDE} pixels a side, got {got}")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import to_host
-from .._base.checks import whole
+from .._base.checks import as_image, whole
 from .._base.colormaps import CATEGORICAL
 from .._base.device import Device
 from .._base.files import atomic_write
@@ -285,10 +285,7 @@ class Frame(Owner):
 
 def save_png(path: str | os.PathLike[str], image: np.ndarray) -> None:
     """Write an image (H, W, 3) or, with alpha, (H, W, 4) uint8 sRGB as PNG; whole or not at all."""
-    image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
-        got = f"{image.dtype} {image.shape}"
-        raise ValueError(f"image: expected (H, W, 3) or (H, W, 4) uint8, got {got}")
+    image = as_image(image)
     with atomic_write(path) as file:
         _write_png(file, image)
 

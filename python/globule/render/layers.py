@@ -41,8 +41,6 @@ class Layer:
             name.
         material: default: the material of the settings.
         clips: cuts through this layer alone, or a single one.
-
-    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     scene: Any  # a Scene or a Mesh
@@ -76,8 +74,6 @@ def split_layers(
     Returns:
         Layers in the order of `materials`; if no particle has a value, the layer of the value is
         empty.
-
-    Raises ValueError naming the argument, the expected and the given value.
     """
     if name not in particles.attributes:
         known = ", ".join(particles.attributes) or "none"

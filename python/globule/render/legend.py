@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .._base.checks import named
+from .._base.checks import choice, named
 from .._base.colormaps import CATEGORICAL, NAMES, colorize, map_colors
 from .canvas import DARK, Canvas, sizes
 from .display import displayed
@@ -54,8 +54,6 @@ def add_legend(
 
     Returns:
         (H, W, 3) or (H, W, 4) uint8, a new array.
-
-    Raises ValueError naming the argument, the expected and the given value.
     """
     size = np.shape(image)[1::-1]
     strip = strip_width(size, scale) if len(size) == 2 else 0
@@ -80,12 +78,10 @@ def draw_legend(
     `below`: how much lower an upper one is, pixels.
     """
     canvas = Canvas(image, scale)
-    if colormap not in NAMES:
-        raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {colormap!r}")
+    choice("colormap", colormap, NAMES)
     if not (math.isfinite(lo) and math.isfinite(hi)):
         raise ValueError(f"range: expected two finite numbers, got {lo!r} and {hi!r}")
-    if position not in POSITIONS:
-        raise ValueError(f"position: expected one of {', '.join(POSITIONS)}, got {position!r}")
+    choice("position", position, POSITIONS)
     label = ", ".join(word for word in (" ".join(label.split()), unit) if word)
     most = int((_HIGHEST * canvas.height - below) / (_ROW * canvas.text_height()))
     if colormap in CATEGORICAL and not kinds and hi - lo < most:

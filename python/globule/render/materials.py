@@ -22,10 +22,7 @@ from .._base.settings import RADIANCE, SHARE, Number, check_all, setting
 @read_only
 @dataclass(frozen=True)
 class Material(Fixed):
-    """The material of a scene. None leaves a value to the particles.
-
-    Raises TypeError and ValueError naming the field, the expected and the given value.
-    """
+    """The material of a scene. None leaves a value to the particles."""
 
     reflection: float | None = setting(SHARE, None, "specular reflectance at normal incidence",
         usual="the particles', else 0")  # fmt: skip

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base.checks import missing, named
+from .._base.checks import named, optional
 from .._base.colormaps import CATEGORICAL, colorize, map_colors
 from .._base.files import atomic_write
 from .._base.terminal import escaped
@@ -48,11 +48,8 @@ _STYLE: dict[str, Any] = {
 
 def need_matplotlib() -> Any:
     """The module matplotlib. Raises MissingPackageError."""
-    try:
-        import matplotlib.figure
-    except ImportError:
-        raise missing("matplotlib", "figures") from None
-    return matplotlib
+    optional("matplotlib.figure", "figures", "matplotlib")
+    return optional("matplotlib", "figures")
 
 
 @named
@@ -79,7 +76,6 @@ def imshow(ax: Any, frame: Frame, *, unit: str = "", scale_bar: bool = False, di
         bar.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         MissingPackageError: matplotlib is not installed.
     """
     need_matplotlib()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import ColorLike, VectorLike, to_host
-from .._base.checks import named, near
+from .._base.checks import choice, named
 from ..pieces.scene import Scene
 from ..scene.mesh import Mesh
 from ..scene.scene import REACH
@@ -42,13 +42,10 @@ def load_preset(name: str, scene: Scene | Mesh, up: VectorLike | None = None) ->
 
     Returns:
         `RenderSettings`.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(scene, (Scene, Mesh)):
         raise TypeError(f"scene: expected a Scene or a Mesh, got {type(scene).__name__}; make one: globule.Scene(...)")
-    if name not in PRESETS:
-        raise ValueError(f"name: expected one of {', '.join(PRESETS)}, got {name!r}{near(str(name), PRESETS)}")
+    choice("name", name, PRESETS)
     extent = extent_of(scene) or 1.0
     support = 0.0 if isinstance(scene, Mesh) else float(np.max(to_host(scene.support), initial=0.0))
     support = support or extent

@@ -71,7 +71,6 @@ def render(
             (`Scene(..., comm=...)` is for particles that are distributed over the ranks.)
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: a file cannot be read.
         MissingPackageError: `comm` without mpi4py.
     """

@@ -39,8 +39,6 @@ class Ambient(Color):
 class RenderSettings(Fixed):
     """How a hit becomes light. Colors and radiances are linear RGB; 1 is white. One number
     stands for all three channels.
-
-    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     lights: Sequence[Light] = setting(
@@ -224,10 +222,7 @@ def for_flat_data(settings: RenderSettings) -> RenderSettings:
 
 
 def as_settings(value: RenderSettings | Mapping[str, Any] | None) -> RenderSettings:
-    """Settings of a dict of their fields; the default ones of None.
-
-    Raises TypeError and ValueError naming the field, the expected and the given value.
-    """
+    """Settings of a dict of their fields; the default ones of None."""
     if value is None:
         return _DEFAULT
     if isinstance(value, RenderSettings):

@@ -209,8 +209,6 @@ def render_views(
         up: (3,) upward direction, world, for views by name; default: that of the particles.
         color_by, colormap, range: as for `render`.
         annotate: `Annotation`: scale bar, axes and box are in each view, the rest in the image.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     chosen = [views] if isinstance(views, (str, Camera)) else list(views)
     if not chosen:

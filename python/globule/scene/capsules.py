@@ -80,8 +80,6 @@ class Spheres(Capsules):
         radius: world units, for all or (N,), each > 0.
         color: (3,) linear RGB for all, or (N, 3); default: gray, or the material's.
         device, threads: as for `Mesh`.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
 
     def __init__(
@@ -114,8 +112,6 @@ class Lines(Capsules):
         color: (3,) linear RGB for all, or (N, 3) per point, blended between; for several lines, N
             counts the points of all. Default: gray, or the material's.
         device, threads: as for `Mesh`.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
 
     def __init__(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base.arrays import ABSENT, HOST, View, address, to_host, unit_vectors, view
+from .._base.arrays import ABSENT, HOST, View, address, rays, to_host, view
 from .._base.checks import named, number, shown, thread_count
 from .._base.device import Device, choose
 from .._base.owner import Owner
@@ -71,7 +71,6 @@ class Mesh(Owner):
         threads: CPU threads, for images of meshes alone; 0 takes all.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
     """
 
@@ -200,10 +199,7 @@ class Mesh(Owner):
             directions: (M, 3) unit vectors. A ray whose direction is zero or not finite meets
                 nothing.
         """
-        o, d = view("origins", origins, 3), view("directions", directions, 3)
-        if o.shape != d.shape:
-            raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
-        d = unit_vectors(d)
+        o, d = rays(origins, directions)
         n = o.shape[0]
         distance, normal = np.empty(n, np.float32), np.empty((n, 3), np.float32)
         face = np.empty(n, np.uint32)

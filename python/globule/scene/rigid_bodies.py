@@ -22,7 +22,7 @@ import numpy as np
 from ..data.particles import HERE
 from ..data.triangles import Triangles
 from ..formats import triangles
-from ..formats.errors import bad
+from ..formats.errors import bad, faults
 from ..formats.size import whole_file
 from .mesh import Mesh
 
@@ -98,10 +98,8 @@ class RigidBodies:
         for mesh, i in zip(self.meshes, self._shown, strict=True):
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = rows["columns"][i].T, rows["position"][i]
-            try:
+            with faults(path, f"body {i}"):
                 mesh.pose = pose
-            except ValueError as error:
-                raise bad(path, f"body {i}", str(error)) from error
         world = [m.vertices @ m.pose[:3, :3].T + m.pose[:3, 3] for m in self.meshes]
         self.together.update(np.concatenate([np.empty((0, 3)), *world]))
 

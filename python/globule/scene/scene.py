@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base.arrays import ABSENT, HOST, View, address, on_gpu, to_host, unit_vectors, view
+from .._base.arrays import ABSENT, HOST, View, address, on_gpu, rays, to_host, view
 from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.owner import Owner
 from ..data.attributes import color_by
-from ..data.particles import FIELDS, Particles
+from ..data.particles import Particles
 from ..data.radii import find_radii
 from ..data.spacing import FEW, normal_of
 from .octree import Octree
-from .sources import as_particles
+from .sources import MAX_SUPPORT, as_particles, check_supports, check_update, field_of, space_of, values_of_particles
 from .thesis import Thesis, check_tracing
 
 if TYPE_CHECKING:
@@ -42,8 +42,6 @@ SPHERE_SUPPORT = 0.5 / SPHERE_RADIUS  # spacings
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
 A_DOZEN = 12
 MAX_PARTICLES: int = _core.limits["particles"]
-MAX_SUPPORT: float = _core.limits["support"]  # past it squares overflow float32
-MAX_RATIO: float = _core.limits["ratio"]  # between the largest and the smallest support
 
 
 class Intersections(NamedTuple):
@@ -64,7 +62,6 @@ class SceneBase(Owner):
     what the memory holds.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
         RuntimeError: the device cannot be used.
     """
@@ -115,10 +112,10 @@ class SceneBase(Owner):
             raise ValueError(f"level: {expected}, got {shown(level)}")
         self.kernel = kernel
         self.surface = surface
-        self.threshold = self._defaults[1] if threshold is None else threshold
+        self.threshold = threshold_of(self.surface, self.kernel) if threshold is None else threshold
         self.builds = 0
         self._kernel = KERNELS.index(kernel)
-        self._tree = (key_bits, int(level), octree == "dense", _space(bounds))
+        self._tree = (key_bits, int(level), octree == "dense", space_of(bounds))
         self._raw = _core.Scene(self.device.backend, self.device.index, thread_count(threads))
         self._lock = threading.RLock()
         self._stale = False
@@ -142,16 +139,10 @@ class SceneBase(Owner):
         Args:
             particles: as for `Scene`.
             fields: arrays by their names in `Particles`.
-
-        Raises TypeError and ValueError naming the field, the expected and the given value.
         """
+        check_update(particles, fields)
         if particles is None:
-            unknown = fields.keys() - set(FIELDS)
-            if unknown:
-                raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}")
             found = self.particles._with(fields, self._known)
-        elif fields:
-            raise TypeError("update: expected particles or fields, got both")
         else:
             found = as_particles("particles", particles)
             if isinstance(particles, (Particles, str, os.PathLike)):
@@ -168,12 +159,6 @@ class SceneBase(Owner):
                     self._build(self.particles)
         return self._raw
 
-    @property
-    def _defaults(self) -> tuple[float, float]:
-        """The support in spacings, and the threshold."""
-        own = {"smooth": (SMOOTH_SUPPORT, SMOOTH_THRESHOLD), "spheres": (SPHERE_SUPPORT, SPHERE_THRESHOLD)}
-        return own.get(self.surface, DEFAULTS[self.kernel])
-
     def _color_by(self, name: str, colormap: str, range: tuple[float, float] | None) -> None:
         """Color the particles by a value, from the next image on."""
         self.update(color_by(self.particles, name, colormap, range))
@@ -183,7 +168,7 @@ class SceneBase(Owner):
         with self._lock:
             self._spacing = self._spacing or self._measured(surface) or None
             self.surface, self._support = surface, None
-            self.threshold = self._defaults[1]
+            self.threshold = threshold_of(self.surface, self.kernel)
             self._build(self.particles)
 
     def become_spheres(self) -> None:
@@ -215,11 +200,11 @@ class SceneBase(Owner):
         elif self._support:
             support, one_support = ABSENT, self._support
         else:
-            support, one_support = _field("support", p.support, None, n)
-        weight, one_weight = _field("weight", p.weight, None, n)
-        color, one_color = _field("color", p.color, 3, n)
-        reflection, one_reflection = _field("reflection", p.reflection, None, n)
-        refraction, one_refraction = _field("refraction", p.refraction, None, n)
+            support, one_support = field_of("support", p.support, None, n)
+        weight, one_weight = field_of("weight", p.weight, None, n)
+        color, one_color = field_of("color", p.color, 3, n)
+        reflection, one_reflection = field_of("reflection", p.reflection, None, n)
+        refraction, one_refraction = field_of("refraction", p.refraction, None, n)
         if one_weight is None:
             one_weight = 1.0
         arrays = [positions, weight, color, reflection, refraction, stretch]
@@ -250,7 +235,7 @@ class SceneBase(Owner):
             build(0.0)
             measured = _spacing(self._raw, p, self.surface)
             known = dict.fromkeys(SURFACES if n < FEW else (self.surface,), measured)
-            one_support = self._defaults[0] * (measured or 1.0)
+            one_support = defaults_of(self.surface, self.kernel)[0] * (measured or 1.0)
             if measured and smooth and n > A_DOZEN:
                 spacing = measured
             elif measured and n > A_DOZEN:  # of fewer it is found anew next time
@@ -267,7 +252,7 @@ class SceneBase(Owner):
             raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {one_support:g}")
         checked = support is ABSENT or support.owner is self._known.get("support")
         if not checked and support.device == HOST:
-            _check_supports(support.owner)
+            check_supports(support.owner)
         build(1.0 if one_support is None else float(one_support))
         made = p.anisotropy is not None or self.surface == "spheres"
         own = support.owner if made else p.support
@@ -378,10 +363,7 @@ class SceneBase(Owner):
         Returns:
             (M,) float32.
         """
-        p = view("points", points, 3)
-        out = np.empty(p.shape[0], np.float32)
-        self._scene.evaluate(self._kernel, p.shape[0], p.place, address(out), 0)
-        return out
+        return self._evaluate(points, True, False)[0]
 
     def gradient(self, points: ArrayLike) -> np.ndarray:
         """The gradient of the field at points. The gradient points inwards.
@@ -392,18 +374,20 @@ class SceneBase(Owner):
         Returns:
             (M, 3) float32, per world unit.
         """
-        p = view("points", points, 3)
-        out = np.empty((p.shape[0], 3), np.float32)
-        self._scene.evaluate(self._kernel, p.shape[0], p.place, 0, address(out))
-        return out
+        return self._evaluate(points, False, True)[1]
 
     def _field_and_gradient(self, points: ArrayLike) -> np.ndarray:
         """The field and the gradient at points (M, 3): (M, 4) float32, in less time than one after
         the other."""
+        return np.column_stack(self._evaluate(points, True, True))
+
+    def _evaluate(self, points: ArrayLike, field: bool, gradient: bool) -> tuple[np.ndarray, np.ndarray]:
+        """The field (M,) and the gradient (M, 3) at points; one that is not asked for is empty."""
         p = view("points", points, 3)
-        field, gradient = np.empty(p.shape[0], np.float32), np.empty((p.shape[0], 3), np.float32)
-        self._scene.evaluate(self._kernel, p.shape[0], p.place, address(field), address(gradient))
-        return np.column_stack([field, gradient])
+        n = p.shape[0]
+        f, g = np.empty(n * field, np.float32), np.empty((n * gradient, 3), np.float32)
+        self._scene.evaluate(self._kernel, n, p.place, address(f) if field else 0, address(g) if gradient else 0)
+        return f, g
 
     def intersect(self, origins: ArrayLike, directions: ArrayLike, thesis: Thesis | None = None) -> Intersections:
         """First intersection of arbitrary rays with the surface.
@@ -417,10 +401,7 @@ class SceneBase(Owner):
         Returns:
             distance (M,) along the ray, normal (M, 3), color (M, 3).
         """
-        o, d = view("origins", origins, 3), view("directions", directions, 3)
-        if o.shape != d.shape:
-            raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
-        d = unit_vectors(d)
+        o, d = rays(origins, directions)
         n = o.shape[0]
         distance = np.empty(n, np.float32)
         normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
@@ -463,13 +444,9 @@ class SceneBase(Owner):
             (M,) or (M, K) float32; NaN where no particle reaches.
         """
         p = view("points", points, 3)
-        shape = np.shape(values)
-        flat = len(shape) == 1
-        v = view("values", values, None if flat else shape[-1] if shape else 1)
-        channels = 1 if flat else v.shape[1]
-        out = np.empty((p.shape[0], channels), np.float32)
-        self._scene.blend(self._kernel, p.shape[0], p.place, v.place, v.shape[0], channels, address(out))
-        return out[:, 0] if flat else out
+        v, out, given_back = values_of_particles(values, p.shape[0])
+        self._scene.blend(self._kernel, p.shape[0], p.place, v.place, v.shape[0], out.shape[1], address(out))
+        return given_back
 
     def integrate(self, origins: ArrayLike, directions: ArrayLike, values: ArrayLike) -> np.ndarray:
         """Integrals along rays: the sum over the particles of value * the integral of b(r) from
@@ -485,17 +462,12 @@ class SceneBase(Owner):
         Returns:
             (M,) or (M, K) float32, the values' unit times the world's unit of length.
         """
-        o, d = view("origins", origins, 3), view("directions", directions, 3)
-        if o.shape != d.shape:
-            raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
-        d = unit_vectors(d)
-        shape = np.shape(values)
-        flat = len(shape) == 1
-        v = view("values", values, None if flat else shape[-1] if shape else 1)
-        channels = 1 if flat else v.shape[1]
-        out = np.empty((o.shape[0], channels), np.float32)
-        self._scene.integrate(self._kernel, o.shape[0], o.place, d.place, v.place, v.shape[0], channels, address(out))
-        return out[:, 0] if flat else out
+        o, d = rays(origins, directions)
+        v, out, given_back = values_of_particles(values, o.shape[0])
+        self._scene.integrate(
+            self._kernel, o.shape[0], o.place, d.place, v.place, v.shape[0], out.shape[1], address(out)
+        )
+        return given_back
 
     def __len__(self) -> int:
         return len(self.particles)
@@ -509,10 +481,15 @@ class SceneBase(Owner):
         )
 
 
+def defaults_of(surface: str, kernel: str) -> tuple[float, float]:
+    """The support in spacings, and the iso-value."""
+    own = {"smooth": (SMOOTH_SUPPORT, SMOOTH_THRESHOLD), "spheres": (SPHERE_SUPPORT, SPHERE_THRESHOLD)}
+    return own.get(surface, DEFAULTS[kernel])
+
+
 def threshold_of(surface: str, kernel: str) -> float:
     """The default iso-value."""
-    own = {"smooth": SMOOTH_THRESHOLD, "spheres": SPHERE_THRESHOLD}
-    return own.get(surface, DEFAULTS[kernel][1])
+    return defaults_of(surface, kernel)[1]
 
 
 def check_choices(kernel: str, surface: str, octree: str, key_bits: int) -> None:
@@ -521,41 +498,6 @@ def check_choices(kernel: str, surface: str, octree: str, key_bits: int) -> None
     choice("surface", surface, SURFACES)
     choice("octree", octree, ("sparse", "dense"))
     choice("key_bits", key_bits, (32, 64))
-
-
-def _field(name: str, value: Any, columns: int | None, n: int) -> tuple[View, Any]:
-    """A particle field as (array, None) or (ABSENT, one value for all)."""
-    if value is None:
-        return ABSENT, None
-    shape = getattr(value, "shape", ())
-    if shape == () or (columns is not None and shape == (columns,)):
-        return ABSENT, value
-    v = view(name, value, columns)
-    if v.shape[0] != n:
-        raise ValueError(f"{name}: expected {n} particles, got {v.shape[0]}")
-    return v, None
-
-
-def _check_supports(support: np.ndarray) -> None:
-    """Rays are walked in steps of the supports nearby, so those must be of comparable size."""
-    largest = float(np.max(support, initial=0.0))
-    smallest = float(np.min(support, initial=np.inf, where=support > 0))
-    if largest > MAX_SUPPORT:
-        raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {largest:g}")
-    if largest > MAX_RATIO * smallest:
-        raise ValueError(f"support: expected all within a factor of {MAX_RATIO:g}, got {smallest:g} to {largest:g}")
-
-
-def _space(bounds: Any) -> list[float]:
-    if bounds is None:
-        return []
-    try:
-        box = np.asarray(bounds, dtype=np.float32)
-    except (TypeError, ValueError):
-        box = np.empty(0, np.float32)
-    if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
-        raise ValueError(f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {shown(bounds)}")
-    return [float(x) for x in box.ravel()]
 
 
 def _spacing(core: Any, particles: Particles, surface: str) -> float:

@@ -4,12 +4,15 @@ particles, of globule or of another package."""
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
-from .._base.arrays import on_gpu
-from ..data.particles import Particles
+from .. import _core
+from .._base.arrays import ABSENT, View, on_gpu, view
+from .._base.checks import corners
+from ..data.particles import FIELDS, Particles
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -32,6 +35,8 @@ class HasParticles(Protocol):
 
 
 ParticlesLike: TypeAlias = "Particles | ArrayLike | str | os.PathLike[str] | HasParticles"
+MAX_SUPPORT: float = _core.limits["support"]  # past it squares overflow float32
+MAX_RATIO: float = _core.limits["ratio"]  # between the largest and the smallest support
 _EXPECTED = "a Scene, Particles, positions (N, 3) or a file's name"
 
 
@@ -76,3 +81,49 @@ def _read(name: str, path: str) -> Particles:
     from ..formats import read  # formats are loaded when they are needed
 
     return read(path)
+
+
+def field_of(name: str, value: Any, columns: int | None, n: int) -> tuple[View, Any]:
+    """A particle field as (array, None) or (ABSENT, one value for all)."""
+    if value is None:
+        return ABSENT, None
+    shape = getattr(value, "shape", ())
+    if shape == () or (columns is not None and shape == (columns,)):
+        return ABSENT, value
+    v = view(name, value, columns)
+    if v.shape[0] != n:
+        raise ValueError(f"{name}: expected {n} particles, got {v.shape[0]}")
+    return v, None
+
+
+def values_of_particles(values: Any, n: int) -> tuple[View, np.ndarray, np.ndarray]:
+    """Values (N,) or (N, K) of particles; where n rows of them are written, and how these are given
+    back."""
+    shape = np.shape(values)
+    flat = len(shape) == 1
+    v = view("values", values, None if flat else shape[-1] if shape else 1)
+    out = np.empty((n, 1 if flat else v.shape[1]), np.float32)
+    return v, out, out[:, 0] if flat else out
+
+
+def space_of(bounds: Any) -> list[float]:
+    """The six numbers of an octree's space; none of what the particles tell."""
+    return [] if bounds is None else [float(x) for x in corners("bounds", bounds, np.float32).ravel()]
+
+
+def check_supports(support: np.ndarray) -> None:
+    """Rays are walked in steps of the supports nearby, so those must be of comparable size."""
+    largest = float(np.max(support, initial=0.0))
+    smallest = float(np.min(support, initial=np.inf, where=support > 0))
+    if largest > MAX_SUPPORT:
+        raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {largest:g}")
+    if largest > MAX_RATIO * smallest:
+        raise ValueError(f"support: expected all within a factor of {MAX_RATIO:g}, got {smallest:g} to {largest:g}")
+
+
+def check_update(particles: Any, fields: Iterable[str]) -> None:
+    """Raise TypeError for arguments of `update` that are not particles, or known fields, alone."""
+    if particles is not None and fields:
+        raise TypeError("update: expected particles or fields, got both")
+    if unknown := set(fields) - set(FIELDS):
+        raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}")

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import _core
-from .._base.arrays import address, unit_vectors, view
+from .._base.arrays import address, rays
 from .._base.checks import whole
 from .._base.fixed import Fixed, read_only
 from .._base.settings import Choice, Number, Switch, Whole, check_all, setting
@@ -27,8 +27,6 @@ class Thesis(Fixed):
 
     Each ray visits leaves by itself, with a stack. A leaf sees its own particles and those of its
     26 neighbors. The result is correct only while no support is larger than the edge of a leaf.
-
-    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     root: str = setting(Choice(*ROOTS), "march", "points along the ray (Fig. 5.5); bezier: Bézier "
@@ -74,10 +72,7 @@ class Traced(Protocol):
 
 
 def check_tracing(scene: Traced, thesis: Thesis | None) -> None:
-    """Refuse choices with which `scene` cannot be traced.
-
-    Raises TypeError and ValueError naming the argument, the expected and the given value.
-    """
+    """Refuse choices with which `scene` cannot be traced."""
     if thesis is None:
         return
     if not isinstance(thesis, Thesis):
@@ -100,10 +95,7 @@ def work(scene: Traced, origins: Any, directions: Any, thesis: Thesis) -> tuple[
         leaves (M,) uint32 visited; sums (M,) uint32 over the candidates: evaluations of the field
         when marching, polynomials when clipping.
     """
-    o, d = view("origins", origins, 3), view("directions", directions, 3)
-    if o.shape != d.shape:
-        raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
-    d = unit_vectors(d)
+    o, d = rays(origins, directions)
     n = o.shape[0]
     check_tracing(scene, thesis)
     t, counts = np.empty(n, np.float32), np.empty((n, 2), np.uint32)

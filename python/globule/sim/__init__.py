@@ -1,22 +1,8 @@
 """Fluids, tissue and the knife: simulations whose octree is also traced."""
 
 from .instruments import Instrument, Key
-from .scene_file import (
-    Boundary,
-    Domain,
-    Emitter,
-    Fluid,
-    Foam,
-    Output,
-    Relaxation,
-    Rigid,
-    SceneFile,
-    Sink,
-    Solid,
-    Solver,
-    Vessel,
-    View,
-)
+from .scene_bodies import Boundary, Fluid, Relaxation, Rigid, Solid
+from .scene_file import Domain, Emitter, Foam, Output, SceneFile, Sink, Solver, Vessel, View
 from .schema import SceneError
 from .settings import Phase, StepReport
 from .shapes import Box, Cylinder, Plane, Sphere

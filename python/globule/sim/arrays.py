@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import to_host
-from .._base.checks import shown
+from .._base.checks import array_of_numbers, shown
 from .._base.interrupts import whole
 from ..data.particles import Particles
 from .part import Part, Stateful
@@ -25,10 +25,7 @@ def check_finite(name: str, values: np.ndarray) -> None:
 
 def vector(name: str, value: Any) -> list[float]:
     """Three finite numbers; anything else is a ValueError."""
-    try:
-        found = np.asarray(value, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        found = np.empty(0)
+    found = array_of_numbers(value)
     if found.shape != (3,) or not np.isfinite(found).all():
         raise ValueError(f"{name}: expected three finite numbers, got {shown(value)}")
     return found.tolist()

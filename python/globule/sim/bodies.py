@@ -17,7 +17,8 @@ from .overlap import check_overlap
 from .rigidity import young_of_rigidity
 from .room import check_room
 from .sampling import FACES, fill, surface
-from .scene_file import WALLS, Boundary, SceneFile, white_matter
+from .scene_bodies import Boundary
+from .scene_file import WALLS, SceneFile, white_matter
 from .schema import SceneError
 from .settings import Phase, phase_of
 from .shapes import Box

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.settings import Choice, Direction, Each, Number, Problem, Switch, Table, setting
+from .._base.settings import Choice, Direction, Each, Number, Problem, Switch, Table, at, setting
 from .schema import NAME, PLACE, POINTS, POSITIVE
 
 
@@ -196,7 +196,5 @@ class Instrument(Table):
                 raise Problem(("edge",), f"expected points apart, {got}")
         elif self.radius is None:
             raise ValueError(f"a {self.kind}: expected the key radius, got none")
-        try:
+        with at("keys"):
             self.motion = Motion(self.keys)
-        except Problem as problem:
-            raise Problem(("keys", *problem.path), problem.message) from None

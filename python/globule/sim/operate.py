@@ -240,7 +240,7 @@ class BondedTissue(Part):
         """Add a vessel to the tissue that has bonds.
 
         Args:
-            vessel: a table of a scene (`globule.sim.scene_file.Vessel`). Cut bonds within the
+            vessel: a table of a scene (`globule.sim.Vessel`). Cut bonds within the
                 vessel's radius bleed.
 
         Returns:

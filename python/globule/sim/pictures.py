@@ -14,10 +14,10 @@ from ..pieces.scene import Scene
 from ..render.camera import Camera, first_direction
 from ..render.fit import fit_camera
 from ..render.frame import Frame
+from ..render.image_sequence import KeptScene, MovieFrames
 from ..render.layers import beside, scene_like
 from ..render.presets import load_preset
 from ..render.render import render
-from ..render.sequence import KeptScene, MovieFrames
 from ..render.settings import RenderSettings, for_values
 from .scene_file import SceneFile
 

@@ -127,10 +127,15 @@ def _sphere_surface(center: np.ndarray, radius: float, d: float) -> np.ndarray:
     if radius <= 0:
         return center[None].copy()
     n = max(4, round(4 * np.pi * (radius / d) ** 2))
+    return center + radius * even_directions(n)
+
+
+def even_directions(n: int, turned: float = 0.0) -> np.ndarray:
+    """Unit vectors (n, 3) along a spiral around z, as many everywhere; turned: radians, about z."""
     z = 1 - (2 * np.arange(n) + 1) / n
-    turn = np.arange(n) * (np.pi * (3 - np.sqrt(5)))
+    turn = np.arange(n) * (np.pi * (3 - np.sqrt(5))) + turned
     flat = np.sqrt(1 - z * z)
-    return center + radius * np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
 
 
 def _check_open(open_faces: Any, known: tuple[str, ...]) -> None:
@@ -159,10 +164,14 @@ def _cylinder_surface(cylinder: Cylinder, d: float, offset: float, open_ends: An
         angle, z = np.meshgrid(np.arange(n) / n * 2 * np.pi, along, indexing="ij")
         points.append(((r * np.cos(angle)).ravel(), (r * np.sin(angle)).ravel(), z.ravel()))
     u, v, w = (np.concatenate(parts) for parts in zip(*points, strict=True))
+    return np.asarray(cylinder.start) + np.stack([u, v, w], axis=1) @ np.stack([*_across(axis), axis])
+
+
+def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors at right angles to a unit vector (3,), and to each other."""
     side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     side /= np.linalg.norm(side)
-    frame = np.stack([side, np.cross(axis, side), axis])
-    return np.asarray(cylinder.start) + np.stack([u, v, w], axis=1) @ frame
+    return side, np.cross(axis, side)
 
 
 def _plane_surface(plane: Plane, d: float, offset: float, domain: Any) -> np.ndarray:
@@ -170,12 +179,11 @@ def _plane_surface(plane: Plane, d: float, offset: float, domain: Any) -> np.nda
     lo, hi = (np.asarray(corner, float) for corner in domain)
     middle = (lo + hi) / 2
     middle = middle - plane.distance(middle[None])[0] * normal + offset * normal
-    side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    side /= np.linalg.norm(side)
+    side, other = _across(normal)
     reach = int(np.ceil(np.linalg.norm(hi - lo) / 2 / d))
     steps = np.arange(-reach, reach + 1) * d
     u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(steps, steps, indexing="ij"))
-    points = middle + u * side + v * np.cross(normal, side)
+    points = middle + u * side + v * other
     return points[((points >= lo - d) & (points <= hi + d)).all(axis=1)]
 
 

@@ -14,7 +14,8 @@ from .._base.checks import near, shown
 from .._base.checks import positive as positive_number
 from .._base.settings import Problem, read_table, settings_of
 from .._base.structured import parse_toml, read_text
-from .scene_file import BOUNDARY_SHAPES, LISTS, RIGID_SHAPES, SOLID_SHAPES, SceneFile
+from .scene_bodies import BOUNDARY_SHAPES, RIGID_SHAPES, SOLID_SHAPES
+from .scene_file import LISTS, SceneFile
 from .schema import SceneError, exactly_one
 from .sources import check_files
 from .toml_lines import key_lines

@@ -12,7 +12,8 @@ import numpy as np
 
 from .._base.arrays import VectorLike
 from .._base.settings import Choice, Setting, check_all, documented, same, setting, settings_of
-from .scene_file import IMPLICIT_FROM, Boundary, Domain, Fluid, Rigid, SceneFile, Solid, Solver
+from .scene_bodies import IMPLICIT_FROM, Boundary, Fluid, Rigid, Solid
+from .scene_file import Domain, SceneFile, Solver
 from .schema import NAME
 from .steered import Steered
 

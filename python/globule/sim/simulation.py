@@ -65,7 +65,7 @@ class Simulation(Owner):
         threads: CPU threads; 0 takes all.
         spacing: of particles, m, instead of the scene's own.
         keys: other keys of a scene, instead of the scene's own: dicts and lists, or the tables of
-            `globule.sim.scene_file`.
+            `globule.sim`.
 
     Attributes:
         scene: a `gb.Scene` of the same memory, with the current particles: one smooth surface where

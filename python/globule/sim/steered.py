@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from .._base.checks import shown
+from .._base.fixed import Checked
 from .._base.settings import Setting
 
 
@@ -15,7 +16,7 @@ class Unknown(KeyError):
     __str__ = Exception.__str__
 
 
-class Named(dict):
+class Named(Checked):
     """Things of one class by their names; an unknown name is a KeyError that lists the names."""
 
     def __init__(self, what: str, kind: type):
@@ -36,21 +37,6 @@ class Named(dict):
     def __reduce__(self) -> Any:
         """For `copy` and `pickle`: what it holds is checked by its own words."""
         return type(self), (self._what, self._kind), None, None, iter(self.items())
-
-    def update(self, *args: Any, **kwargs: Any) -> None:
-        """Assign each of several things."""
-        for name, thing in dict(*args, **kwargs).items():
-            self[name] = thing
-
-    def __ior__(self, other: Any) -> Named:  # type: ignore[misc]
-        self.update(other)
-        return self
-
-    def setdefault(self, name: str, default: Any = None) -> Any:
-        """The thing of a name, assigned first where there is none."""
-        if name not in self:
-            self[name] = default
-        return self[name]
 
 
 class Kept(Named):

@@ -2,7 +2,7 @@
 
 from . import phantoms
 from .calibration import Calibration, PointTarget, calibrate_point_target, read_calibration, write_calibration
-from .files import read_sweep, write_sweep
+from .files import read_sweep
 from .measuring import MeasuredDistance, MeasuredVolume, find_error_length, measure_distance, measure_volume
 from .n_wires import NWireCalibration, calibrate_n_wires, validate_n_wires
 from .plus.reconstruct import reconstruct_plus
@@ -11,6 +11,7 @@ from .reconstructor import Reconstructor
 from .registration import Registration, RegistrationError, join_sweeps, register_and_join, register_sweeps
 from .stylus import Pivot, calibrate_stylus, register_landmarks, write_stylus
 from .sweep import Sweep
+from .sweep_writing import write_sweep
 
 __all__ = [
     "Calibration",

@@ -130,8 +130,12 @@ def _holds(found: _Fit, interval: float) -> bool:
         return False
     if abs(found.extent) > _LARGEST * interval:
         return False
-    rng = np.random.default_rng(0)
-    spectrum = np.abs(np.fft.rfft(residual))
-    phases = rng.uniform(0, 2 * np.pi, (_SURROGATES, len(spectrum)))
-    random = np.fft.irfft(spectrum * np.exp(1j * phases), len(residual), axis=1)
+    random = surrogates(residual, _SURROGATES)
     return bool(((found.columns @ random.T) ** 2).max() < explained)
+
+
+def surrogates(signal: np.ndarray, n: int) -> np.ndarray:
+    """n signals with the spectrum of this one and random phases; the same at each call."""
+    spectrum = np.abs(np.fft.rfft(signal))
+    phases = np.random.default_rng(0).uniform(0, 2 * np.pi, (n, len(spectrum)))
+    return np.fft.irfft(spectrum * np.exp(1j * phases), len(signal), axis=1)

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._base.checks import number
+from .._base.checks import number, numeric
 from .._base.files import atomic_write
 from .._base.structured import parse_toml, read_text
-from ..formats.errors import bad
+from ..formats.errors import bad, faults
 from ..formats.sweeps.transforms import chain, check_pixel_matrix, find_path
 from .fitting import Fit, numerical_jacobian, robust_fit
 from .region import Clip, Fan, checked_clip, checked_fan
@@ -89,19 +89,15 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
         return _of_plus(path)
     if os.fspath(path).lower().endswith(".csv"):
         return _of_tus_rec(path)
-    try:
+    with faults(path, expected="TOML"):
         content = parse_toml(read_text(path))
-    except ValueError as error:
-        raise bad(path, "", f"expected TOML, got {error}") from None
     unknown = sorted(set(content) - set(_KEYS))
     if unknown:
         raise bad(path, unknown[0], f"expected one of {', '.join(_KEYS)}")
     if "probe_from_image" not in content:
         raise bad(path, "probe_from_image", "expected a 4x4 matrix, got none")
-    try:
+    with faults(path, refused=(TypeError, ValueError)):
         return Calibration(**{key: content[key] for key in content if key != "target"})
-    except (TypeError, ValueError) as error:
-        raise bad(path, "", str(error)) from None
 
 
 def _of_plus(path: str | os.PathLike[str]) -> Calibration:
@@ -131,10 +127,8 @@ def _of_tus_rec(path: str | os.PathLike[str]) -> Calibration:
         raise bad(path, "", f"expected two matrices of four rows of four numbers, got {got}")
     first = np.eye(4)
     first[:2, 3] = 1
-    try:
+    with faults(path):
         return Calibration(np.array(rows[4:]) @ np.array(rows[:4]) @ first)
-    except ValueError as error:
-        raise bad(path, "", str(error)) from None
 
 
 def write_calibration(
@@ -392,11 +386,7 @@ def turn_by(vector: np.ndarray) -> np.ndarray:
 
 
 def _observations(pixels: Any, world_from_probe: Any) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        pixels = np.asarray(pixels, np.float64)
-        poses = np.asarray(world_from_probe, np.float64)
-    except (TypeError, ValueError):
-        raise TypeError("pixels, world_from_probe: expected arrays of numbers") from None
+    pixels, poses = numeric("pixels", pixels), numeric("world_from_probe", world_from_probe)
     if pixels.ndim != 2 or pixels.shape[1] != 2 or len(pixels) < 6:
         raise ValueError(f"pixels: expected shape (N, 2), N >= 6, got {pixels.shape}")
     if poses.shape != (len(pixels), 4, 4):

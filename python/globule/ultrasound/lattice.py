@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.checks import positive
+from .._base.checks import numeric, positive
 from .sweep import Sweep
 
 _MOST_RATIO = 30.0  # of the longest edge of a voxel to the shortest
@@ -88,10 +88,7 @@ def _named(axes: np.ndarray) -> np.ndarray:
 def _steps(spacing: Any) -> np.ndarray:
     if np.ndim(spacing) == 0:
         return np.full(3, positive("spacing", spacing))
-    try:
-        steps = np.asarray(spacing, np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"spacing: expected a number or three, got {spacing!r}") from None
+    steps = numeric("spacing", spacing, "a number or three")
     if steps.shape != (3,) or not (np.isfinite(steps).all() and (steps > 0).all()):
         raise ValueError(f"spacing: expected a positive number or three, got {spacing!r}")
     if steps.max() > _MOST_RATIO * steps.min():
@@ -100,10 +97,7 @@ def _steps(spacing: Any) -> np.ndarray:
 
 
 def _rotation(axes: Any) -> np.ndarray:
-    try:
-        turn = np.asarray(axes, np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"axes: expected world, sweep or a 3x3 matrix, got {axes!r}") from None
+    turn = numeric("axes", axes, "world, sweep or a 3x3 matrix")
     if turn.shape != (3, 3) or not np.allclose(turn.T @ turn, np.eye(3), atol=1e-6):
         raise ValueError("axes: expected a 3x3 matrix with unit columns at right angles")
     if np.linalg.det(turn) < 0:

@@ -17,13 +17,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .._base.checks import missing
+from .._base.checks import optional
 from ..formats.sweeps import messages
 from ..volumes.iso_surface import default_level
 from ..volumes.slices import reslice
 from ..volumes.volume import FAR, Volume, origin_of
 from .broadcast import Broadcaster
-from .live import LiveFrame
+from .matching import LiveFrame
 
 _SLICE = 192  # pixels along the longer side of a slice, at most
 _BEHIND = 3  # messages that wait; from there on, frames go before volumes
@@ -153,10 +153,7 @@ def surface(volume: Volume, level: float | None = None) -> tuple[np.ndarray, np.
 
     Raises MissingPackageError without scikit-image.
     """
-    try:
-        from skimage.measure import marching_cubes
-    except ImportError:
-        raise missing("scikit-image", "measure") from None
+    marching_cubes = optional("skimage.measure", "measure", "scikit-image").marching_cubes
     values, known = volume.values.astype(np.float32), volume.radius != FAR
     step = np.ones(3)
     while max(values.shape) > _COARSE:

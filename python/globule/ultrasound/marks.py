@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import csv
 import os
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..formats.errors import bad, shown
+from ..formats.errors import bad, faults, shown
 from ..formats.size import whole_text
-from ..formats.sweeps.poses import csv_rows, interpolate, number_of, read_poses
+from ..formats.sweeps.poses import csv_rows, interpolate, read_poses
 from ..formats.sweeps.stack import check_numbers
+from ..formats.sweeps.tracker_tables import number_of
 from ..formats.sweeps.transforms import WORLDS, chain, find_path
 from .files import checked_frame_times, recording_of
 from .plausible import check_seconds
@@ -71,21 +73,8 @@ def read_marks(path: str | os.PathLike[str], recording: Tracked | None = None) -
     """Pixels (N, 2) and world_from_probe (N, 4, 4) of a table. Raises FormatError with the row."""
     if not os.fspath(path).lower().endswith(".csv"):
         raise bad(path, "", "expected a table of marks, .csv")
-    try:
-        lines = list(csv.reader(whole_text(path).splitlines()))
-    except (UnicodeError, csv.Error) as error:
-        raise bad(path, "", f"expected a text table, got {error}") from None
-    names = [name.strip().lower() for name in lines[0]] if lines else []
     wanted = ["column", "row", *(["frame"] if recording else [])]
-    if not set(wanted) <= set(names):
-        expected = f"columns {' '.join(wanted)}"
-        raise bad(path, "line 1", f"expected {expected}, got {shown(','.join(names))}")
-    marks = []
-    for number, line in enumerate(filter(None, lines[1:]), 2):
-        if len(line) != len(names):
-            where = f"row {number}"
-            raise bad(path, where, f"expected {len(names)} values, got {len(line)}")
-        marks.append([number_of(path, f"row {number}", line[names.index(name)]) for name in wanted])
+    marks = [[number_of(path, where, word) for word in words] for where, words in _rows(path, wanted)]
     table = np.array(marks, np.float64).reshape(-1, len(wanted))
     if not np.isfinite(table).all():
         where = f"row {int(np.argmin(np.isfinite(table).all(axis=1))) + 2}"
@@ -112,21 +101,23 @@ def read_marks(path: str | os.PathLike[str], recording: Tracked | None = None) -
 def read_landmarks(path: str | os.PathLike[str]) -> tuple[list[str], np.ndarray]:
     """Names and points (N, 3) of a table (.csv) of name, x, y, z, mm. A landmark may be touched
     several times. Raises FormatError with the row."""
-    try:
-        lines = list(csv.reader(whole_text(path).lstrip("\ufeff").splitlines()))
-    except (UnicodeError, csv.Error) as error:
-        raise bad(path, "", f"expected a text table, got {error}") from None
-    columns = [name.strip().lower() for name in lines[0]] if lines else []
-    wanted = ("name", "x", "y", "z")
-    if not set(wanted) <= set(columns):
-        raise bad(path, "line 1", f"expected columns {' '.join(wanted)}, got {shown(','.join(columns))}")
     names, points = [], []
-    for number, line in enumerate(filter(None, lines[1:]), 2):
-        where = f"row {number}"
-        if len(line) != len(columns):
-            raise bad(path, where, f"expected {len(columns)} values, got {len(line)}")
-        names.append(line[columns.index("name")].strip())
-        points.append([number_of(path, where, line[columns.index(axis)]) for axis in "xyz"])
+    for where, (name, *place) in _rows(path, ["name", "x", "y", "z"]):
+        names.append(name.strip())
+        points.append([number_of(path, where, word) for word in place])
         if not np.isfinite(points[-1]).all():
             raise bad(path, where, "expected numbers, got an empty or infinite one")
     return names, np.array(points, np.float64).reshape(-1, 3)
+
+
+def _rows(path: Any, wanted: list[str]) -> Iterator[tuple[str, list[str]]]:
+    """Where each row of a table (.csv) is, and its words in the columns wanted. Raises FormatError."""
+    with faults(path, expected="a text table", refused=(UnicodeError, csv.Error)):
+        lines = list(csv.reader(whole_text(path).lstrip("\ufeff").splitlines()))
+    columns = [name.strip().lower() for name in lines[0]] if lines else []
+    if not set(wanted) <= set(columns):
+        raise bad(path, "line 1", f"expected columns {' '.join(wanted)}, got {shown(','.join(columns))}")
+    for number, line in enumerate(filter(None, lines[1:]), 2):
+        if len(line) != len(columns):
+            raise bad(path, f"row {number}", f"expected {len(columns)} values, got {len(line)}")
+        yield f"row {number}", [line[columns.index(name)] for name in wanted]

@@ -22,9 +22,16 @@ _PATIENCE = 64  # messages within which the transform of an image must come that
 _LONGEST = 60.0  # s between two stamps of one clock
 
 
-class Posed(NamedTuple):
-    """An image and its pose: time, s; image (H, W); world_from_image (4, 4), mm; world; clock, which counts how
-    often the stamps have begun anew."""
+class LiveFrame(NamedTuple):
+    """One tracked image.
+
+    Attributes:
+        time: s, of the server's clock.
+        image: (H, W).
+        world_from_image: (4, 4), maps the pixel (column, row, 0, 1) to the world, mm, LPS.
+        world: name of the world's coordinate frame.
+        clock: how often the stamps began anew before; they order frames of one clock only.
+    """
 
     time: float
     image: np.ndarray
@@ -209,7 +216,7 @@ class Matcher:
             track.forget(track.anew if track.anew and near else number)
         self.images = [item._replace(alone=item.alone and item.number != number) for item in self.images]
 
-    def frames(self, ended: bool = False) -> Iterator[Posed]:
+    def frames(self, ended: bool = False) -> Iterator[LiveFrame]:
         """Images that now have their pose. ended: nothing else will come."""
         if ended and self.world is None:
             self.world = self._reached()
@@ -227,7 +234,7 @@ class Matcher:
             own = not by_transforms and item.place is not None
             pose, may_come = self._own_pose(item) if own else self._pose(item, way)
             if pose is not None:
-                yield Posed(item.shown, item.image, pose, WORLDS[0] if own else world, item.clock)
+                yield LiveFrame(item.shown, item.image, pose, WORLDS[0] if own else world, item.clock)
             elif ended or (not may_come and self.world is not None):
                 self.n_without_pose += 1
             else:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.checks import positive
+from .._base.checks import numeric, positive
 from ..volumes.slices import sample
 from ..volumes.volume import FAR, Volume
 from .neighbors import FramePath, usual_step
@@ -281,10 +281,7 @@ def _ball(volume: Volume, center: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _point(name: str, value: Any) -> np.ndarray:
-    try:
-        point = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected three numbers, got {value!r}") from None
+    point = numeric(name, value, "three numbers")
     if point.shape != (3,) or not np.isfinite(point).all():
         raise ValueError(f"{name}: expected three finite numbers, got {value!r}")
     return point

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.files import atomic_write
-from ..formats.errors import bad, shown
+from ..formats.asciinum import numbers_of_words
+from ..formats.errors import bad, faults, shown
 from ..formats.sweeps.transforms import Edges, Transform, format_matrix, parse_matrix
 from ..formats.xml import parse_xml
 from .region import Clip, Fan, checked_clip, checked_fan
@@ -42,10 +43,8 @@ def read_plus(path: str | os.PathLike[str]) -> PlusGeometry:
         if not all(names):
             where = f"line {element.line}, Transform"
             raise bad(path, where, "expected From and To, got neither or one")
-        try:
+        with faults(path, where, "16 numbers"):
             matrix = parse_matrix(element.get("Matrix"))
-        except ValueError as error:
-            raise bad(path, where, f"expected 16 numbers, got {error}") from None
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
             raise bad(path, where, "expected a matrix that can be inverted, got a singular one")
         edges[names] = Transform(matrix, np.array(True))
@@ -135,10 +134,7 @@ def _numbers(path: Any, element: Any, name: str, n: int) -> list[float] | None:
     text = element.get(name)
     if text is None:
         return None
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        values = []
+    values = numbers_of_words(text.split()).tolist()
     if len(values) != n:
         raise bad(path, f"line {element.line}, {name}", f"expected {n} numbers, got {shown(text)}")
     return values

@@ -94,7 +94,6 @@ def reconstruct(
         from its neighbors, gray levels.
 
     Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
         MemoryError: the volume cannot fit; the message names a spacing that fits.
     """
     if method is None:

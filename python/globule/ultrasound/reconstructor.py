@@ -61,9 +61,6 @@ class Reconstructor(Owner):
             frame while the reconstructor keeps all its frames.
         max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads,
         extrapolate: as for `globule.ultrasound.reconstruct`.
-
-    Raises:
-        TypeError, ValueError: naming the argument, the expected and the given value.
     """
 
     def __init__(

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from ..formats.errors import bad
+from ..formats.errors import bad, faults
 from ..formats.sweeps.poses import MATRIX, read_poses
-from .live import LiveFrame
+from .matching import LiveFrame
 
 _POSES = "poses.csv"
 _UNFINISHED = "unfinished"
@@ -131,9 +131,8 @@ class Recorder:
         return _Kept(self._read, poses.times, poses.matrices, [row["world"] for row in rows])
 
     def _read(self, i: int) -> Any:
-        try:
-            with Image.open(self._picture(i)) as image:
-                picture = np.asarray(image)
-        except (OSError, SyntaxError, ValueError) as error:
-            raise bad(self._picture(i), "", f"expected a recorded frame, got {error}") from None
+        name = self._picture(i)
+        damaged = faults(name, expected="a recorded frame", refused=(OSError, SyntaxError, ValueError))
+        with damaged, Image.open(name) as image:
+            picture = np.asarray(image)
         return picture.astype(np.uint16) if picture.dtype == np.int32 else picture

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.checks import positive
+from .._base.checks import numeric, positive
 from ..volumes.volume import FAR
 from .calibration import turn_by
 from .reconstruct import reconstruct
@@ -411,10 +411,7 @@ def _default_spacing(sweep: Sweep) -> float:
 
 
 def _rigid(matrix: Any) -> np.ndarray:
-    try:
-        array = np.asarray(matrix, np.float64)
-    except (TypeError, ValueError):
-        raise TypeError("initial: expected a 4x4 matrix") from None
+    array = numeric("initial", matrix, "a 4x4 matrix")
     turn = array[:3, :3] if array.shape == (4, 4) else np.zeros((3, 3))
     if not np.isfinite(array).all() or not np.allclose(turn.T @ turn, np.eye(3), atol=1e-6):
         raise ValueError("initial: expected a rigid 4x4 matrix (no scale), mm")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .._base.checks import numeric
 from .._base.files import atomic_write
 from .calibration import turn_by
 from .fitting import Fit, robust_fit
@@ -63,7 +64,7 @@ def calibrate_stylus(reference_from_stylus: ArrayLike, most_error: float | None 
     fit (Yaniv 2015, algebraic one step). Raises ValueError if the stylus does not turn about two
     axes, or if the expected error is above most_error, mm (None: any).
     """
-    poses = _poses("reference_from_stylus", reference_from_stylus, 10)
+    poses = _rows("reference_from_stylus", reference_from_stylus, (4, 4), 10)
     rotations, offsets = poses[:, :3, :3], poses[:, :3, 3]
     design = np.concatenate([rotations, np.tile(-np.eye(3), (len(poses), 1, 1))], axis=2)
     start, _, _, sizes = np.linalg.lstsq(design.reshape(-1, 6), -offsets.ravel(), rcond=None)
@@ -100,9 +101,8 @@ def register_landmarks(
     A rotation and a translation (Arun et al. 1987) start a robust fit, which finds wrong landmarks; the others
     count alike. Raises ValueError for landmarks on a line.
     """
-    phantom, reference = (_points(name, value) for name, value in (
-        ("phantom_points", phantom_points), ("reference_points", reference_points)
-    ))  # fmt: skip
+    phantom = _rows("phantom_points", phantom_points, (3,), 3)
+    reference = _rows("reference_points", reference_points, (3,), 3)
     if len(phantom) != len(reference):
         raise ValueError(f"reference_points: expected {len(phantom)}, got {len(reference)}")
     from scipy.spatial.transform import Rotation
@@ -127,7 +127,7 @@ def register_landmarks(
     free = max(3 * int(kept.sum()) - 6 - int((~kept).sum()), 1)
     unit = np.linalg.pinv(np.einsum("nkp,nkq->pq", exact.jacobian, exact.jacobian), rcond=1e-14)
     covariance = squares / free * unit
-    where = phantom if targets is None else _points("targets", targets, 1)
+    where = phantom if targets is None else _rows("targets", targets, (3,), 1)
     slopes = []
     for i in range(6):
         step = np.zeros(6)
@@ -187,25 +187,12 @@ def _largest_turn(rotations: np.ndarray) -> float:
     return float(np.degrees(Rotation.from_matrix(between).magnitude().max()))
 
 
-def _poses(name: str, value: Any, fewest: int) -> np.ndarray:
-    try:
-        poses = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected numbers") from None
-    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or len(poses) < fewest:
-        raise ValueError(f"{name}: expected shape (N, 4, 4), N >= {fewest}, got {poses.shape}")
-    if not np.isfinite(poses).all():
+def _rows(name: str, value: Any, shape: tuple[int, ...], fewest: int) -> np.ndarray:
+    """Finite numbers (N, *shape)."""
+    rows = numeric(name, value)
+    if rows.ndim == 0 or rows.shape[1:] != shape or len(rows) < fewest:
+        expected = ", ".join(map(str, shape))
+        raise ValueError(f"{name}: expected shape (N, {expected}), N >= {fewest}, got {rows.shape}")
+    if not np.isfinite(rows).all():
         raise ValueError(f"{name}: expected finite numbers, got NaN or inf")
-    return poses
-
-
-def _points(name: str, value: Any, fewest: int = 3) -> np.ndarray:
-    try:
-        points = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected numbers") from None
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < fewest:
-        raise ValueError(f"{name}: expected shape (N, 3), N >= {fewest}, got {points.shape}")
-    if not np.isfinite(points).all():
-        raise ValueError(f"{name}: expected finite numbers, got NaN or inf")
-    return points
+    return rows

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import DeviceArray, device_array, on_gpu
+from .._base.checks import choice
 
 DTYPES = ("uint8", "uint16", "float32")
 SPACES = ("LPS", "RAS")
@@ -31,8 +32,6 @@ class Sweep:
                        z to the head; PLUS, DICOM and ITK) or "RAS". A sweep over a phantom has no
                        patient; files then state LPS
     metadata           other fields of the file, which the writer stores again
-
-    Raises TypeError or ValueError naming the field, the expected and the given value.
     """
 
     frames: Any
@@ -58,8 +57,7 @@ class Sweep:
         self.valid = _array("valid", valid, bool, (n,)) & posed
         if self.mask is not None:
             self.mask = _array("mask", self.mask, bool, self.frames.shape[1:])
-        if self.space not in SPACES:
-            raise ValueError(f"space: expected LPS or RAS, got {self.space!r}")
+        choice("space", self.space, SPACES)
 
     def __len__(self) -> int:
         return len(self.frames)

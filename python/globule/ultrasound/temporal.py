@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .beat import find_beat
+from .._base.checks import choice
+from .beat import find_beat, surrogates
 from .lines import find_lines
 
 METHODS = ("auto", "line", "speckle")
@@ -90,8 +91,7 @@ def temporal_offset(
     between two frames than speckle is wide. Raises ValueError if image or probe never moves, if no
     line is found with method "line", or if the recording is shorter than 2 · most.
     """
-    if method not in METHODS:
-        raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+    choice("method", method, METHODS)
     frames = np.asarray(frames)
     frame_times, pose_times = (np.asarray(t, np.float64) for t in (frame_times, pose_times))
     places = np.asarray(poses, np.float64)[:, :3, 3]
@@ -189,8 +189,9 @@ def _compared(
     uncertainty = np.inf if at_limit else float(spread)
     by_chance = np.nan
     if chance:
-        random = _scores(shifted, _surrogates(motion), every).max(axis=1)
-        by_chance = float((random >= scores[best]).mean())
+        random = np.array([_centered(one) for one in surrogates(motion, _SURROGATES)])
+        scored = _scores(shifted, random, every).max(axis=1)
+        by_chance = float((scored >= scores[best]).mean())
     basis = _basis(shifted[best : best + 1], every)[0]
     fitted = _centered(basis @ (basis.T @ motion))
     return TemporalOffset(
@@ -246,15 +247,6 @@ def _peak(lags: np.ndarray, scores: np.ndarray) -> float:
     bend = before - 2 * here + after
     shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
     return float(lags[best] + shift * (lags[1] - lags[0]))
-
-
-def _surrogates(signal: np.ndarray) -> np.ndarray:
-    """Signals with the spectrum of this one and random phases; the same at each call."""
-    rng = np.random.default_rng(0)
-    spectrum = np.abs(np.fft.rfft(signal))
-    phases = rng.uniform(0, 2 * np.pi, (_SURROGATES, len(spectrum)))
-    made = np.fft.irfft(spectrum * np.exp(1j * phases), len(signal), axis=1)
-    return np.array([_centered(one) for one in made])
 
 
 def _speed(times: np.ndarray, distances: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,8 @@ import numpy as np
 
 from .._base.files import atomic_write
 from .._base.structured import parse_toml
-from ..formats.errors import bad, shown
+from ..formats.asciinum import numbers_of_words
+from ..formats.errors import bad, faults, shown
 from ..formats.sweeps.transforms import parse_matrix
 from ..formats.xml import parse_xml
 from .region import Clip, checked_clip, region_mask
@@ -163,12 +164,10 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
     for element in root.iter("Transform"):
         if (element.get("From"), element.get("To")) == ("Phantom", "Reference"):
             where = f"line {element.line}, Transform Phantom to Reference"
-            try:
+            with faults(path, where, "16 numbers"):
                 matrix = parse_matrix(element.get("Matrix") or "")
                 landmark_error = float(element.get("Error")) if element.get("Error") else None
                 error = error if landmark_error is None else landmark_error
-            except ValueError as problem:
-                raise bad(path, where, f"expected 16 numbers, got {problem}") from None
     segmentation = next(root.iter("Segmentation"), None)
     spacing = None
     if segmentation is not None and segmentation.get("ApproximateSpacingMmPerPixel"):
@@ -216,10 +215,8 @@ def write_phantom(path: str | os.PathLike[str], phantom: NWirePhantom) -> None:
 
 
 def _read_toml(path: str | os.PathLike[str]) -> NWirePhantom:
-    try:
+    with faults(path, expected="TOML"):
         content = parse_toml(Path(path).read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise bad(path, "", f"expected TOML, got {error}") from None
     keys = ("wires", "names", "landmarks", "reference_from_phantom", "error", "spacing", "clip")
     unknown = sorted(set(content) - set(keys))
     if unknown:
@@ -246,18 +243,13 @@ def _read_toml(path: str | os.PathLike[str]) -> NWirePhantom:
 
 
 def _checked(path: Any, *values: Any) -> NWirePhantom:
-    try:
+    with faults(path):
         return NWirePhantom(*values)
-    except ValueError as error:
-        raise bad(path, "", str(error)) from None
 
 
 def _point(path: Any, element: Any, name: str) -> list[float]:
     text = element.get(name) or ""
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        values = []
+    values = numbers_of_words(text.split()).tolist()
     if len(values) != 3 or not np.isfinite(values).all():
         raise bad(path, f"line {element.line}, {name}", f"expected 3 numbers, got {shown(text)}")
     return values

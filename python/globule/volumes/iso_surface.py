@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._base.checks import number
+from .._base.checks import choice, number
 from ..data.particles import Particles
 from ..pieces.scene import Scene
 from ..render.camera import Camera
@@ -62,8 +62,7 @@ def extract_iso_surface(volume: Volume, level: float | None = None, kernel: str 
     Raises ValueError if no value reaches the level, for voxels whose edges differ more than 30
     times, and for more than 50 million particles.
     """
-    if kernel not in KERNELS:
-        raise ValueError(f"kernel: expected one of {', '.join(KERNELS)}, got {kernel!r}")
+    choice("kernel", kernel, KERNELS)
     level = default_level(volume) if level is None else number("level", level)
     lowest, known = _known(volume)
     if not level > lowest:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._base.checks import missing
+from ..._base.checks import optional
 from ..._base.files import atomic_write
 from ..errors import bad, shown
 from ..guarded import decode, need
@@ -26,7 +26,7 @@ def write_exr(path: str | os.PathLike[str], channels: Mapping[str, Any]) -> None
 
     Raises ValueError for wrong shapes or where OpenEXR is missing.
     """
-    openexr = _openexr()
+    openexr = optional("OpenEXR", "formats")
     planes: dict[str, np.ndarray] = {}
     for name, image in channels.items():
         image = np.asarray(image)
@@ -81,11 +81,3 @@ def _component_names(name: str) -> list[str]:
     if name == "color":
         return ["R", "G", "B"]
     return [f"{name}.{part}" for part in ("RGB" if name == "albedo" else "XYZ")]
-
-
-def _openexr() -> Any:
-    try:
-        import OpenEXR
-    except ImportError:
-        raise missing("OpenEXR", "formats") from None
-    return OpenEXR

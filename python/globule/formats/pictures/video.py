@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._base.checks import missing, number
+from ..._base.checks import number, optional
 from ..._base.files import atomic_write
 
 CRF = "18"  # x264's constant quality: differences are hardly visible, about 1 MB a second at 720p
@@ -22,11 +22,7 @@ FPS = 1e-3, 1e6  # the least and the most frames per second of a movie
 
 def need_av() -> Any:
     """PyAV. Raises MissingPackageError without it."""
-    try:
-        import av
-    except ImportError:
-        raise missing("PyAV", "video") from None
-    return av
+    return optional("av", "video", "PyAV")
 
 
 def write_movie(path: str | os.PathLike[str], pictures: Iterable[Any], fps: float = 30.0) -> int:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..asciinum import numbers_of_words
 from ..errors import bad, shown
 from ..volumes import metaimage, nrrd
 from ..volumes.raw import Progress, RawImage
@@ -178,10 +179,7 @@ def _index_values(path: Any, fields: dict[str, str], n: int) -> np.ndarray | Non
         text = fields.get(f"axis {axis} index values{nrrd.KEY_VALUE}")
         if text is None or "time" not in fields.get("labels", "").lower():
             continue
-        try:
-            values = np.array([float(word) for word in text.split()])
-        except ValueError:
-            values = np.empty(0)
+        values = numbers_of_words(text.split())
         if len(values) != n or not np.isfinite(values).all():
             raise bad(path, f"axis {axis} index values", f"expected {n} numbers, got {shown(text)}")
         return values

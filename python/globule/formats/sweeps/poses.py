@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import bad, shown
+from ..errors import bad, faults, shown
 from ..size import whole_text
 from . import tracker_tables
 
@@ -163,16 +163,12 @@ _Row = tuple[str, "float | None", np.ndarray, bool]
 
 
 def _text_rows(path: Any) -> list[_Row]:
-    try:
+    with faults(path, expected="a text table", refused=UnicodeError):
         text = whole_text(path)
-    except UnicodeError as error:
-        raise bad(path, "", f"expected a text table, got {error}") from None
     reader = tracker_tables.reader_of(text)
     if reader:
-        try:
+        with faults(path, expected="a text table", refused=csv.Error):
             return [(r.where, r.time, r.matrix, r.ok) for r in reader(path, text)]
-        except csv.Error as error:
-            raise bad(path, "", f"expected a text table, got {error}") from None
     if not os.fspath(path).lower().endswith(".csv"):
         known = "a .csv, .json, .mha or .nrrd, or a table of TUM, ROS, OptiTrack or NDI"
         raise bad(path, "", f"expected a pose table: {known}")
@@ -181,10 +177,8 @@ def _text_rows(path: Any) -> list[_Row]:
 
 def csv_rows(path: Any, text: str) -> list[_Row]:
     """The poses of a table of comma-separated values, row by row. Raises FormatError."""
-    try:
+    with faults(path, expected="a text table", refused=csv.Error):
         lines = [line for line in csv.reader(text.splitlines()) if line]
-    except csv.Error as error:
-        raise bad(path, "", f"expected a text table, got {error}") from None
     if not lines:
         raise bad(path, "", "expected a line of column names, got an empty file")
     names = [name.strip().lower() for name in lines[0]]
@@ -207,31 +201,19 @@ def csv_rows(path: Any, text: str) -> list[_Row]:
         where = f"row {number}"
         if len(line) != len(names):
             raise bad(path, where, f"expected {len(names)} values, got {len(line)}")
-        values = np.array([number_of(path, where, line[column]) for column in columns])
+        values = np.array([tracker_tables.number_of(path, where, line[column]) for column in columns])
         matrix = _matrix(path, where, values)
         time = None
         if clock is not None and time_column is not None:
-            time = number_of(path, where, line[time_column]) * clocks[clock]
+            time = tracker_tables.number_of(path, where, line[time_column]) * clocks[clock]
         status = status_column is None or line[status_column].strip().upper() in ("OK", "1", "TRUE")
         rows.append((where, time, matrix, status))
     return rows
 
 
-def number_of(path: Any, where: str, text: str) -> float:
-    """The number of a cell; NaN for an empty one. Raises FormatError that names file and place."""
-    if not text.strip():
-        return math.nan
-    try:
-        return float(text)
-    except ValueError:
-        raise bad(path, where, f"expected a number, got {shown(text)}") from None
-
-
 def _json_rows(path: Any) -> list[_Row]:
-    try:
+    with faults(path, expected="JSON", refused=(ValueError, RecursionError)):
         content = json.loads(whole_text(path))
-    except (ValueError, RecursionError) as error:
-        raise bad(path, "", f"expected JSON, got {error}") from None
     entries = content.get("poses") if isinstance(content, dict) else content
     if not isinstance(entries, list):
         raise bad(path, "", "expected a list of poses, or an object with one under `poses`")

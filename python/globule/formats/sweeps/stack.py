@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..asciinum import numbers_of_words
 from ..errors import FormatError, bad, shown
 from ..guarded import decode, need
 from ..kind import PICTURE_ENDINGS
@@ -248,10 +249,7 @@ def _dicom_times(path: Any, tags: dict[str, str], n: int) -> np.ndarray | None:
         if tag not in tags:
             continue
         text = tags[tag].strip("\0 ")
-        try:
-            steps = np.array([float(word) for word in text.split("\\")]) / 1000
-        except ValueError:
-            steps = np.empty(0)
+        steps = numbers_of_words(text.split("\\")) / 1000
         if len(steps) == 1:
             return np.arange(n) * steps[0]
         if len(steps) != n:

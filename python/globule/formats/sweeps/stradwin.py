@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..asciinum import numbers_of_words
 from ..errors import bad, shown
 from ..size import bytes_of, check_size, whole_text
 from ..volumes.raw import beside
@@ -73,16 +74,13 @@ def _lines(path: Any) -> tuple[dict[str, str], np.ndarray, np.ndarray]:
     except UnicodeDecodeError:
         raise bad(path, "", "expected a text of Stradwin, got other data") from None
     fields: dict[str, str] = {}
-    rows: list[list[float]] = []
+    rows: list[np.ndarray] = []
     for i, line in enumerate(text.splitlines(), 1):
         name, _, value = line.strip().partition(" ")
         if name.startswith("RES_"):
             fields[name] = value.strip()
         elif name == "IM":
-            try:
-                row = [float(word) for word in value.split()]
-            except ValueError:
-                row = []
+            row = numbers_of_words(value.split())
             if len(row) != 1 + len(_MOVE):
                 expected = "expected IM time x y z azimuth elevation roll"
                 raise bad(path, f"line {i}", f"{expected}, got {shown(line)}")

@@ -75,7 +75,7 @@ def _tum(path: Any, text: str) -> list[Row]:
         where = f"line {number}"
         if len(words) != 8:
             raise bad(path, where, f"expected 8 numbers (TUM), got {len(words)}")
-        time, *values = (_number(path, where, word) for word in words)
+        time, *values = (number_of(path, where, word) for word in words)
         rows.append(Row(where, time, pose(path, where, np.array(values), 1000.0), True))
     return rows
 
@@ -90,10 +90,10 @@ def _ros(path: Any, text: str) -> list[Row]:
     whole, part = _ros_clock(path, names)
     rows = []
     for where, line in _checked(path, names, lines):
-        time = _number(path, where, line[whole])
+        time = number_of(path, where, line[whole])
         if part is not None:
-            time += _number(path, where, line[part]) * 1e-9
-        values = np.array([_number(path, where, line[column]) for column in columns])
+            time += number_of(path, where, line[part]) * 1e-9
+        values = np.array([number_of(path, where, line[column]) for column in columns])
         rows.append(Row(where, time, pose(path, where, values, 1000.0), True))
     return rows
 
@@ -149,9 +149,9 @@ def _optitrack(path: Any, text: str) -> list[Row]:
             continue
         where = f"line {number}"
         line = line + [""] * (len(lines[start]) - len(line))
-        values = np.array([_number(path, where, line[axes[key]]) for key in wanted])
+        values = np.array([number_of(path, where, line[axes[key]]) for key in wanted])
         seen = bool(np.isfinite(values).all())
-        time = _number(path, where, line[clock])
+        time = number_of(path, where, line[clock])
         rows.append(Row(where, time, pose(path, where, values, _MM[unit]), seen))
     return rows
 
@@ -173,8 +173,8 @@ def _ndi(path: Any, text: str) -> list[Row]:
     for where, line in _checked(path, names, lines):
         ok = line[state].strip().upper() in ("OK", "ENABLED", "VISIBLE", "1")
         words = [line[column] if ok else "" for column in columns]
-        values = np.array([_number(path, where, word) for word in words])
-        time = _number(path, where, line[frame]) / _NDI_RATE if clock is None else _number(path, where, line[clock])
+        values = np.array([number_of(path, where, word) for word in words])
+        time = number_of(path, where, line[frame]) / _NDI_RATE if clock is None else number_of(path, where, line[clock])
         seen = ok and bool(np.isfinite(values).all())
         if seen and not quaternion:
             turned = Rotation.from_euler("ZYX", values[3:], degrees=True)
@@ -222,7 +222,8 @@ def _column(path: Any, names: list[str], ending: str) -> int:
     return found[0]
 
 
-def _number(path: Any, where: str, text: str) -> float:
+def number_of(path: Any, where: str, text: str) -> float:
+    """The number of a cell; NaN for an empty one. Raises FormatError that names file and place."""
     if not text.strip():
         return math.nan
     try:

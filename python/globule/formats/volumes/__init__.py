@@ -13,7 +13,7 @@ from ..errors import FormatError
 from ..guarded import need
 from ..kind import kind_of, wrong_kind
 from ..packed import unpacked
-from . import dicom, dicom_write, grids, medical, nifti, npz, structured_points, vti
+from . import dicom, dicom_write, grids, medical, nifti, npz, vti
 from .geometry import VolumeData, checked, in_space
 from .raw import Progress
 
@@ -22,7 +22,7 @@ _READERS: dict[str, Callable[..., VolumeData]] = {
     "nrrd": medical.read_nrrd,
     "nifti": nifti.read,
     "vti": vti.read,
-    "structured points": structured_points.read,
+    "structured points": grids.read_image,
     **dict.fromkeys(("vtk", "vts", "vtr"), grids.read),
     "npz": npz.read,
     "dicom": dicom.read,

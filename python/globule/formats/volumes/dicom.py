@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._base.checks import missing
+from ..._base.checks import optional
 from ..errors import bad
 from ..guarded import decode, need
 from .geometry import VolumeData, place
@@ -58,7 +58,7 @@ def from_itk(name: Any, image: Any) -> VolumeData:
         "spacing": image.GetSpacing(), "origin": image.GetOrigin(),
     }  # fmt: skip
     _check(name, facts)
-    return _volume(name, facts, [simpleitk().GetArrayFromImage(image)])
+    return _volume(name, facts, [optional("SimpleITK", "medical").GetArrayFromImage(image)])
 
 
 def _check(name: Any, facts: dict[str, Any]) -> None:
@@ -73,12 +73,3 @@ def _volume(name: Any, facts: dict[str, Any], arrays: list[np.ndarray]) -> Volum
     _check(name, facts)
     directions = np.reshape(facts["direction"], (3, 3))
     return VolumeData(arrays[0], place(directions * facts["spacing"], np.array(facts["origin"])))
-
-
-def simpleitk() -> Any:
-    """SimpleITK. Raises MissingPackageError without it."""
-    try:
-        import SimpleITK
-    except ImportError:
-        raise missing("SimpleITK", "medical") from None
-    return SimpleITK

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import datetime
 import functools
-import importlib
 import os
 from typing import Any
 
 import numpy as np
 
-from ..._base.checks import missing
+from ..._base.checks import optional
 from ..._base.files import atomic_write
 from .geometry import VolumeData, in_space, spacing_and_directions
 
@@ -38,10 +37,7 @@ def write(path: str | os.PathLike[str], data: VolumeData) -> None:
     Raises MissingPackageError without pydicom, ValueError for values that are not uint8 or uint16,
     for axes that are not perpendicular, and for 4 GiB or more.
     """
-    try:
-        pydicom: Any = importlib.import_module("pydicom")
-    except ImportError:
-        raise missing("pydicom", "medical") from None
+    pydicom = optional("pydicom", "medical")
     new_uid = functools.partial(pydicom.uid.generate_uid, None)
     values, matrix = _right_handed(in_space(data, "LPS"))
     spacing, axes = spacing_and_directions(matrix)

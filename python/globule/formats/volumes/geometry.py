@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..._base.checks import choice
 from ..errors import bad
 
 SPACES = ("LPS", "RAS")
@@ -33,8 +34,7 @@ class VolumeData(NamedTuple):
 def in_space(data: VolumeData, space: str) -> VolumeData:
     """The same volume with the world's axes in `space`, "LPS" or "RAS"; the voxels keep their
     order. Raises ValueError for another space."""
-    if space not in SPACES:
-        raise ValueError(f"space: expected LPS or RAS, got {space!r}")
+    choice("space", space, SPACES)
     if data.space == space:
         return data
     return data._replace(world_from_voxel=LPS_FROM_RAS @ data.world_from_voxel, space=space)

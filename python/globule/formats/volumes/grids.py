@@ -1,4 +1,4 @@
-"""Volumes as evenly spaced grids of VTK: .vts, .vtr and legacy .vtk, read only."""
+"""Volumes as evenly spaced grids of VTK: .vts, .vtr and legacy .vtk, of STRUCTURED_POINTS too; read only."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 
 import numpy as np
 
+from .. import vtk_grids
 from ..errors import bad
 from ..vtk_xml_grids import read_volume
 from .geometry import VolumeData, place
@@ -17,6 +18,14 @@ def read(path: str | os.PathLike[str]) -> VolumeData:
     found = read_volume(path)
     if found is None:
         raise bad(path, "", "expected evenly spaced points with an array of one component, got others")
-    arrays, spacing, origin = found
+    return _volume(*found)
+
+
+def read_image(path: str | os.PathLike[str]) -> VolumeData:
+    """As `read`, of STRUCTURED_POINTS."""
+    return _volume(*vtk_grids.read_image(path))
+
+
+def _volume(arrays: dict[str, np.ndarray], spacing: np.ndarray, origin: np.ndarray) -> VolumeData:
     values = arrays.pop(next(iter(arrays)))
     return VolumeData(values, place(np.diag(spacing), origin), "LPS", arrays)

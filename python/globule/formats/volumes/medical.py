@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..asciinum import numbers_of_words
 from ..errors import bad, shown
 from . import metaimage, nrrd
 from .geometry import VolumeData, in_space, place, plain, spacing_and_directions
@@ -108,10 +109,7 @@ def _vectors(path: Any, text: str, n: int) -> list[str]:
 
 
 def _vector(path: Any, name: str, text: str) -> np.ndarray:
-    try:
-        values = np.array([float(word) for word in text.strip("() ").split(",")])
-    except ValueError:
-        values = np.empty(0)
+    values = numbers_of_words(text.strip("() ").split(","))
     if len(values) != 3 or not np.isfinite(values).all():
         raise bad(path, name, f"expected (x,y,z), got {shown(text)}")
     return values

@@ -13,8 +13,9 @@ from typing import IO, Any
 import numpy as np
 
 from ..._base.files import atomic_write
+from ..asciinum import numbers_of_words
 from ..errors import bad, shown
-from .raw import LONGEST_HEADER, LONGEST_LINE, Progress, RawImage, beside, deflated, numbers_of
+from .raw import LONGEST_HEADER, LONGEST_LINE, Progress, RawImage, beside, code_of, deflated, n_of_empty, numbers_of
 
 _TYPES = {
     "MET_UCHAR": "u1", "MET_CHAR": "i1", "MET_USHORT": "u2", "MET_SHORT": "i2",
@@ -31,9 +32,8 @@ def read(path: str | os.PathLike[str], progress: Progress = None, empty: bool = 
     """
     with open(path, "rb") as file:
         fields = _header(path, file)
-        sizes = fields.get("DimSize", "").split()
-        if empty and len(sizes) == 3 and sizes[:2] == ["0", "0"] and sizes[2].isdecimal() and len(sizes[2]) < 8:
-            return RawImage(np.zeros((int(sizes[2]), 0, 0), np.uint8), fields)
+        if empty and (n := n_of_empty(fields.get("DimSize", ""))) is not None:
+            return RawImage(np.zeros((n, 0, 0), np.uint8), fields)
         shape, dtype = _layout(path, fields)
         name = fields.get("ElementDataFile", "")
         if name.upper() == "LOCAL":
@@ -55,9 +55,7 @@ def write(
     Raises ValueError for a type that the format does not have.
     """
     dtype = np.dtype(array.dtype)
-    code = f"{dtype.kind}{dtype.itemsize}"
-    if code not in _NAMES:
-        raise ValueError(f"values: expected a type that .mha can hold, got {dtype}")
+    code = code_of(dtype, _NAMES, ".mha")
     data = np.ascontiguousarray(array, dtype.newbyteorder("<"))
     packed = b"".join(deflated(data, zlib.MAX_WBITS, progress)) if compressed else data
     fixed = {
@@ -87,10 +85,7 @@ def numbers(path: Any, fields: dict[str, str], name: str, n: int, default: list[
     text = fields.get(name)
     if text is None:
         return np.array(default, np.float64)
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.empty(0)
+    values = numbers_of_words(text.split())
     if len(values) != n or not np.isfinite(values).all():
         raise bad(path, name, f"expected {n} numbers, got {shown(text)}")
     return values

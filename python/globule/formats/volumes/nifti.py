@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._base.checks import missing
+from ..._base.checks import optional
 from ..._base.files import atomic_write
 from ..errors import bad
 from ..inflate import GZIP, Inflated
@@ -30,7 +30,7 @@ def read(path: str | os.PathLike[str]) -> VolumeData:
     Scaled values (scl_slope, scl_inter) become float64. The place is the sform's if the file has
     one, else the qform's. Raises MissingPackageError without nibabel, FormatError for bad files.
     """
-    nibabel = _nibabel()
+    nibabel = optional("nibabel", "medical")
     with open(path, "rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
         file.seek(0)
@@ -86,7 +86,7 @@ def write(path: str | os.PathLike[str], data: VolumeData) -> None:
 
     Raises MissingPackageError without nibabel, ValueError for values that NIfTI cannot hold.
     """
-    nibabel = _nibabel()
+    nibabel = optional("nibabel", "medical")
     values = plain(data.values)
     if max(values.shape) > _LARGEST_SIDE:
         most = f"at most {_LARGEST_SIDE} voxels a side for .nii"
@@ -117,11 +117,3 @@ def _is_plain(header: Any) -> bool:
     """Whether the numbers are the values, without a scale."""
     slope, intercept = header.get_slope_inter()
     return slope is None or (slope, intercept) == (1, 0)
-
-
-def _nibabel() -> Any:
-    try:
-        import nibabel
-    except ImportError:
-        raise missing("nibabel", "medical") from None
-    return nibabel

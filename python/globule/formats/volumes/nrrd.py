@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._base.files import atomic_write
 from ..errors import bad, shown
-from .raw import LONGEST_HEADER, LONGEST_LINE, Progress, RawImage, beside, deflated, numbers_of
+from .raw import LONGEST_HEADER, LONGEST_LINE, Progress, RawImage, beside, code_of, deflated, n_of_empty, numbers_of
 
 _TYPES = {
     "u1": ("uint8", "uchar", "unsigned char", "uint8_t"),
@@ -33,9 +33,8 @@ def read(path: str | os.PathLike[str], progress: Progress = None, empty: bool = 
     """Read header and data: fields by name, those of `key:=value` lines as "key:=". empty: as of metaimage.read."""
     with open(path, "rb") as file:
         fields = _header(path, file)
-        sizes = fields.get("sizes", "").split()
-        if empty and len(sizes) == 3 and sizes[:2] == ["0", "0"] and sizes[2].isdecimal() and len(sizes[2]) < 8:
-            return RawImage(np.zeros((int(sizes[2]), 0, 0), np.uint8), fields)
+        if empty and (n := n_of_empty(fields.get("sizes", ""))) is not None:
+            return RawImage(np.zeros((n, 0, 0), np.uint8), fields)
         shape, dtype = _layout(path, fields)
         name = fields.get("data file", fields.get("datafile"))
         if name is None:
@@ -57,9 +56,7 @@ def write(
     Raises ValueError for a type that the format does not have.
     """
     dtype = np.dtype(array.dtype)
-    code = f"{dtype.kind}{dtype.itemsize}"
-    if code not in _TYPES:
-        raise ValueError(f"values: expected a type that .nrrd can hold, got {dtype}")
+    code = code_of(dtype, _TYPES, ".nrrd")
     fixed = {
         "type": _TYPES[code][0],
         "dimension": str(array.ndim),

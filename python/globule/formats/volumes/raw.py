@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -98,3 +98,18 @@ def _inflate(path: Any, file: IO[bytes], into: memoryview, left: int, window_bit
     n = data.rest + end - file.tell()
     if n:
         raise bad(path, "data", f"expected the end of the file after the data, got {n} bytes more")
+
+
+def n_of_empty(sizes: str) -> int | None:
+    """The number of images of 0 x 0 pixels that a header's sizes say; None of others."""
+    words = sizes.split()
+    empty = len(words) == 3 and words[:2] == ["0", "0"] and words[2].isdecimal() and len(words[2]) < 8
+    return int(words[2]) if empty else None
+
+
+def code_of(dtype: np.dtype, known: Container[str], format: str) -> str:
+    """The code "f4" of a type of numbers. Raises ValueError for one that a format does not know."""
+    code = f"{dtype.kind}{dtype.itemsize}"
+    if code not in known:
+        raise ValueError(f"values: expected a type that {format} can hold, got {dtype}")
+    return code

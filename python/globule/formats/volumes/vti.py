@@ -8,51 +8,34 @@ from __future__ import annotations
 import math
 import os
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ..._base.files import atomic_write
+from ..asciinum import numbers_of_words
 from ..errors import bad, shown
 from ..size import whole_file
-from ..vtk_xml import TYPES, VtkXml
+from ..vtk_data import numbers_text
+from ..vtk_xml import VtkXml
+from ..vtk_xml_data import TYPES, Appended
 from .geometry import VolumeData, place, spacing_and_directions
-
-_NAMES = {code: name for name, code in TYPES.items()}
 
 
 def write(path: str | os.PathLike[str], data: VolumeData) -> None:
     """Write values and maps as appended raw little-endian data."""
     spacing, directions = spacing_and_directions(data.world_from_voxel)
     extent = " ".join(f"0 {n - 1}" for n in data.values.shape[::-1])
-    arrays, elements, offset = [], [], 0
-    for name, array in {"values": data.values, **data.maps}.items():
-        plain = array.astype(np.uint8) if array.dtype == bool else array
-        plain = plain.astype(np.float32) if plain.dtype == np.float16 else plain
-        plain = np.ascontiguousarray(plain, plain.dtype.newbyteorder("<"))
-        kind = _NAMES[f"{plain.dtype.kind}{plain.dtype.itemsize}"]
-        elements.append(f'<DataArray type="{kind}" Name={quoteattr(name)} '
-                        f'format="appended" offset="{offset}"/>\n')  # fmt: skip
-        arrays.append(plain)
-        offset += 8 + plain.nbytes
-    head = (
-        '<?xml version="1.0" encoding="utf-8"?>\n'
-        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" '
-        'header_type="UInt64">\n'
-        f'<ImageData WholeExtent="{extent}" Origin="{_text(data.world_from_voxel[:3, 3])}" '
-        f'Spacing="{_text(spacing)}" Direction="{_text(directions.ravel())}">\n'
+    arrays = Appended()
+    elements = [arrays.add(name, array, False) for name, array in {"values": data.values, **data.maps}.items()]
+    arrays.write(
+        path,
+        "ImageData",
+        f'<ImageData WholeExtent="{extent}" Origin="{numbers_text(data.world_from_voxel[:3, 3])}" '
+        f'Spacing="{numbers_text(spacing)}" Direction="{numbers_text(directions.ravel())}">\n'
         '<FieldData>\n<DataArray type="String" Name="space" NumberOfTuples="1" format="ascii">'
         f"{' '.join(str(ord(c)) for c in data.space)} 0</DataArray>\n</FieldData>\n"
         f'<Piece Extent="{extent}">\n<PointData Scalars="values">\n'
-        f"{''.join(elements)}</PointData>\n"
-        '</Piece>\n</ImageData>\n<AppendedData encoding="raw">\n_'
+        f"{''.join(elements)}</PointData>\n</Piece>\n</ImageData>\n",
     )
-    with atomic_write(path) as file:
-        file.write(head.encode())
-        for array in arrays:
-            file.write(array.nbytes.to_bytes(8, "little"))
-            file.write(array)
-        file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
 def read(path: str | os.PathLike[str]) -> VolumeData:
@@ -109,15 +92,8 @@ def _space(image: Any) -> str:
 
 def _numbers(path: Any, element: Any, name: str, default: str, n: int) -> np.ndarray:
     text = element.get(name, default)
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.empty(0)
+    values = numbers_of_words(text.split())
     if len(values) != n or not np.isfinite(values).all():
         where = f"line {element.line}"
         raise bad(path, where, f"expected {name} of {n} numbers, got {shown(text)}")
     return values
-
-
-def _text(values: Any) -> str:
-    return " ".join(repr(value) for value in np.asarray(values, np.float64).tolist())

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...formats.asciinum import numbers_of_words
 from ...formats.errors import FormatError, bad, shown
 from ...formats.xml import parse_xml
 
@@ -145,10 +146,7 @@ class _Attributes:
         text = self.element.get(name)
         if text is None:
             return None
-        try:
-            values = tuple(float(v) for v in text.split())
-        except ValueError:
-            values = ()
+        values = tuple(numbers_of_words(text.split()).tolist())
         if len(values) != n or not np.isfinite(values).all():
             raise self.bad(name, f"expected {n} numbers, got {shown(text)}")
         return values
