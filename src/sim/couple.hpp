@@ -66,9 +66,9 @@ struct TakeVelocity {
 /// What each free particle is near to, within the lists' reach.
 enum Beside : std::uint8_t {
     kAlone,
-    kFluid,
-    kSlidFace,  ///< of a cut, along this one
-    kOther      ///< body
+    kFluid,   ///< or a face of a cut that slid along this one
+    kOther,   ///< body
+    kWet = 4  ///< a bit: near to a fluid, whatever else
 };
 
 /// How much of an impulse a particle of a solid shows within the step.  Its neighbors take up the rest meanwhile: a
@@ -83,6 +83,9 @@ struct Response {
 /// Beside a fluid, a solid meets pressure and forces with that mass.  What its particles are owed of the impulses then
 /// acts in the next step's substeps.
 struct Weigh {
+    static constexpr float kLent =
+        0.3f;  ///< of the stiffness: more makes masses differ by more than the pressure solve bears
+
     sim::State state;
     const std::uint32_t* slot;
     const std::uint8_t *beside, *hold;
@@ -93,9 +96,9 @@ struct Weigh {
     float* response;
     GB_FN void operator()(std::size_t t) const {
         response[t] = 1.0f;
-        if (beside[t] != kFluid || hold[t] != kFree) return;
+        if (!(beside[t] & kWet) || hold[t] != kFree) return;
         const float stiff = 2.0f * lame[t] + lame[stride + t];
-        response[t] = 1.0f / (1.0f + max(stiff, 0.0f) * velocity[t].w * ahead2);
+        response[t] = 1.0f / (1.0f + kLent * max(stiff, 0.0f) * velocity[t].w * ahead2);
         state.place[slot[t]].w *= response[t];
     }
 };
@@ -215,7 +218,7 @@ template <class Packet> struct FindContacts {
         if (t == kNobody) return;
         const float3 here = step.state.place[slot].xyz();
         Smooth smooth;
-        std::uint8_t near = kAlone;
+        std::uint8_t near = kAlone, wet = 0;
         for (std::uint32_t k = 0, n = step.lists.count[row]; k < n; ++k) {
             const std::uint32_t j = step.lists.index[step.lists.at(row, k)];
             if (j >= step.lists.n) continue;
@@ -223,9 +226,9 @@ template <class Packet> struct FindContacts {
             if (kind != sim::Kind::boundary) {
                 const std::uint32_t o = members(step.state.id[j]);
                 if (kind == sim::Kind::rigid || other_body(t, o)) near = kOther;
-                else if (kind == sim::Kind::fluid) near = max(near, std::uint8_t(kFluid));
+                else if (kind == sim::Kind::fluid) near = max(near, std::uint8_t(kFluid)), wet = kWet;
                 else if (slid(t, o, here - step.state.place[j].xyz())) {
-                    near = max(near, std::uint8_t(kSlidFace));
+                    near = max(near, std::uint8_t(kFluid));
                     if (spared[t] < 0.0f) spared[t] = kAnyDensity;  // contact begins with the next step, which is short
                 }
                 continue;
@@ -235,7 +238,7 @@ template <class Packet> struct FindContacts {
                 max(step.phases[step.state.phase[slot]].friction, step.phases[step.state.phase[j]].friction), q.w,
                 step.spline);
         }
-        beside[t] = near;
+        beside[t] = near | wet;
         if (!(smooth.total > 0.0f)) return;
         const float by = 1.0f / smooth.total;
         const float3 u = smooth.velocity * by, out = normalize(smooth.sum);
@@ -281,11 +284,11 @@ struct CountAs {
     const std::uint32_t* slot;
     const std::uint8_t* beside;
     Response response;
-    float speed[4];  ///< by what it is beside, m/s
+    float speed[3], springs;  ///< by what it is beside, m/s; of springs beside a fluid
     GB_FN void operator()(std::size_t t) const {
-        // A fluid beside springs: as a face.
-        const std::uint8_t by = beside[t] == kFluid && !(response(t) < 1.0f) ? std::uint8_t(kSlidFace) : beside[t];
-        if (slot[t] != sim::kGone) state.growth[slot[t]] = speed[by];
+        if (slot[t] == sim::kGone) return;
+        const bool stiff = beside[t] & kWet && !(response(t) < 1.0f);
+        state.growth[slot[t]] = max(speed[beside[t] & ~kWet], stiff ? springs : 0.0f);
     }
 };
 

@@ -109,7 +109,7 @@ struct Drag {
     const Quad* velocity;
     float3* change;
 
-    GB_FN bool acts_on(std::uint32_t t) const { return beside && beside[t] == kFluid && hold[t] == kFree; }
+    GB_FN bool acts_on(std::uint32_t t) const { return beside && beside[t] & kWet && hold[t] == kFree; }
     GB_FN void find(const Bonds& bonds, std::uint32_t t) const {
         const float3 own = velocity[t].xyz();
         float3 sum{0, 0, 0};

@@ -281,7 +281,7 @@ public:
         const float substep = far * float(fastest_);
         exec_.for_each(
             n_, tissue::CountAs{state, slot_.data(), beside_.data(), response(),
-                    {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByFaces, substep / kSubstepsByOthers}});
+                    {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByOthers}, substep / kSubstepsOfSprings});
     }
     /// Before the forces.
     void take_velocities(const sim::State& state) {
@@ -331,8 +331,8 @@ private:
         2.6f;  ///< spacings at rest: a solid's pairs that are closer are its stress's, not the density solve's
     static constexpr double kBorne = 1.5, kMostStiffening = 256.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
-    static constexpr float kSubstepsByFluid = 8.0f, kSubstepsByFaces = 4.0f,
-                           kSubstepsByOthers = 2.0f;  ///< of a step, where tissue is beside these
+    /// Of a step, where tissue is beside these; beside a fluid, of springs.
+    static constexpr float kSubstepsByFluid = 6.0f, kSubstepsByOthers = 2.0f, kSubstepsOfSprings = 4.0f;
     static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f,
                            kMostJumps =
                                4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
