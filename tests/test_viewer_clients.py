@@ -1,7 +1,5 @@
 """Browsers that come and go, as programs: cameras of their own, slow ones, what they leave."""
 
-import asyncio
-import collections
 import gc
 import subprocess
 import sys
@@ -13,11 +11,7 @@ import pytest
 from globule._base.memory import resident_bytes
 from viewer_helpers import PATIENCE, Watched, blob, our_threads, threads_of_browsers, until
 
-pytest.importorskip("viser")
-
-from globule.viewer.wakeups import wake_always
-from viser import _messages
-from viser.infra._async_message_buffer import AsyncMessageBuffer
+pytest.importorskip("websockets")
 
 
 @pytest.fixture
@@ -40,7 +34,7 @@ def test_pictures_arrive_in_order(watched):
 
     for i in range(1, 8):
         camera = page.client.camera
-        page.look(position=[0.1 * i, 0.0, 3.0])
+        page.look(eye=[0.1 * i, 0.0, 4.0])
         until(lambda camera=camera: page.client.camera != camera)
         watched.still(page)
     until(lambda: shown()[-1] == page.client.number)
@@ -53,7 +47,7 @@ def test_a_browser_that_never_answers_holds_up_nobody(watched):
     stuck, camera_of_one = one.client.number, one.client.camera
     for i in range(1, 4):
         camera = two.client.camera
-        two.look(position=[0.1 * i, 0.0, 3.0])
+        two.look(eye=[0.1 * i, 0.0, 4.0])
         until(lambda camera=camera: two.client.camera != camera)
         watched.still(two)
     assert (one.client.number, one.client.camera) == (stuck, camera_of_one)
@@ -89,7 +83,7 @@ def come_and_go() -> None:
         page, sizes = watched.program(), []
         for _ in range(12):
             page = reloaded(watched, page)
-            page.look(image_width=480, image_height=320)
+            page.ask("size", [480, 320])
             until(lambda page=page: page.client.pacer.full == (480, 320))
             watched.still(page)
             watched.shown.clear()
@@ -134,35 +128,3 @@ def test_errors_are_said_in_the_page_and_callbacks_change_it(watched, caplog):
     watched.viewer.source.update(blob(60, seed=3))
     watched.viewer.refresh()
     watched.still(page, lambda p: p.shape == before.shape and not np.array_equal(p, before))
-
-
-class Late(collections.deque):
-    """Of those who wait for an event: one comes while another thread sets it."""
-
-    between = None
-
-    def append(self, waiter):
-        between, self.between = self.between, None
-        if between:
-            thread = threading.Thread(target=between)
-            thread.start()
-            thread.join()
-        super().append(waiter)
-
-
-@pytest.mark.parametrize("persistent", [False, True])
-def test_a_message_that_comes_between_looking_and_waiting(persistent):
-    async def first_window():
-        buffer = AsyncMessageBuffer(asyncio.get_running_loop(), persistent)
-        wake_always(buffer)
-        message = _messages.RunJavascriptMessage("")
-        buffer.message_event._waiters = waiters = Late()
-        waiters.between = lambda: buffer.push(message)
-        windows = buffer.window_generator(0)
-        try:
-            return await asyncio.wait_for(anext(windows), PATIENCE), message
-        finally:
-            await windows.aclose()
-
-    window, message = asyncio.run(first_window())
-    assert window == [message]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from viewer_helpers import Watched, blob, engine_of, middle, steps, until, view
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer.export import notebook
 from globule.viewer.open import open_source

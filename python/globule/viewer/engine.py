@@ -51,7 +51,7 @@ class Client:
         self.engine, self.sink, self.camera = engine, sink, camera
         self.pacer = Pacer()
         self.room = Room()  # of its window that no bar covers
-        self.first: dict[str, Any] = {}  # of its first view, until somebody moves the camera
+        self.first = False  # its camera is still the first one, which follows the window
         self.since: float | None = None  # when the image began that is made now
         self.frame: Frame | Split | None = None  # the last traced; only the tracing thread changes it
         self.frame_version: Any = None
@@ -101,13 +101,6 @@ class Client:
         with self.engine.wake:
             self.dark = dark
             self.engine.interrupt(self)
-            self.engine.wake.notify_all()
-
-    def again(self) -> None:
-        """Images on their way are lost: count them as arrived, and make the next one."""
-        with self.engine.wake:
-            self.pacer.acknowledge(self.engine.clock(), self.number)
-            self.pacer.change(self.engine.clock())
             self.engine.wake.notify_all()
 
     def hand(self, job: tuple) -> None:
@@ -239,9 +232,10 @@ class Engine:
                 still[1].cancel()
             time.sleep(AGAIN)
 
-    def add(self, sink: Sink, camera: Camera) -> Client:
-        """A new client with a first camera."""
+    def add(self, sink: Sink, camera: Camera, size: tuple[int, int] | None = None) -> Client:
+        """A new client with a first camera; size: of its window, pixels."""
         client = Client(self, sink, camera)
+        client.pacer.full = size or client.pacer.full
         with self.wake:
             self.clients.append(client)
             self.wake.notify_all()
