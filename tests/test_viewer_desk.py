@@ -28,7 +28,9 @@ def viewer():
 def test_the_page_has_the_controls_and_a_histogram_of_all_particles(viewer):
     with urllib.request.urlopen(viewer.address) as answer:
         assert b"globule/desk.js" in answer.read()
-    scripts = [(f"{name}.js", "application/javascript") for name in ("desk", "inspector", "upload", "camera", "handles")]
+    scripts = [
+        (f"{name}.js", "application/javascript") for name in ("desk", "inspector", "upload", "camera", "handles")
+    ]
     for name, kind in [*scripts, ("desk.css", "text/css")]:
         with urllib.request.urlopen(f"{viewer.address}globule/{name}") as answer:
             assert answer.headers["Content-Type"].startswith(kind)

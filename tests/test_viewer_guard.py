@@ -21,7 +21,6 @@ from viewer_program import Program, hello, link
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
-from websockets.sync.client import connect
 
 POINT = np.zeros((1, 3), np.float32)
 

@@ -150,6 +150,7 @@ def test_views_bookmarks_and_fit(watched, page):
     page.set("Go")
     until(lambda: from_the(0, -1))
     assert np.allclose(kept.eye, page.client.camera.eye, atol=1e-4)
+    until(lambda: page.camera["eye"] == list(page.client.camera.eye), "for the page to know")
     page.look(eye=(4 * np.array(kept.eye)).tolist())
     until(lambda: np.linalg.norm(page.client.camera.eye) > 3 * np.linalg.norm(kept.eye))
     far = silhouette(watched.still(page))

@@ -15,7 +15,7 @@ pytest.importorskip("websockets")
 from globule.viewer.guard import OTHERS, OneLine
 from globule.viewer.roles import LOOK, LOOKING, PRIVATE_ACTIONS, STEER
 from viewer_program import Program, hello, link
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import InvalidStatus
 from websockets.frames import Frame, Opcode
 
 
@@ -69,7 +69,7 @@ def test_the_toolbar_of_who_looks(shared, looking):
     model = desk.model.of(SimpleNamespace(client_id=number))
     assert (model["role"], model["people"], model["tools"]) == (LOOK, [2, 3], ["Rotate, pick", "Measure"])
     before = shared.state.to_toml()
-    for name in desk._actions().keys() - PRIVATE_ACTIONS - {"look", "size"}:
+    for name in desk._actions().keys() - PRIVATE_ACTIONS:
         looking.ask(name, {"cuts__plane": True})
     looking.ask("tool", "Measure")
     until(lambda: shared.page.tools.hands[number].tool == "Measure")
@@ -94,7 +94,12 @@ def test_an_address_has_no_more_rights_than_its_token(shared):
     """The path of who looks with the token that steers, and the other way around; then none."""
     host = shared.address.partition("?")[0]
     steers, looks = f"{host}?token={shared.token}", f"{host}look/?token={shared.look_token}"
-    for wrong in (f"{host}look/?token={shared.token}", f"{host}?token={shared.look_token}", f"{host}?", f"{host}look/?"):
+    for wrong in (
+        f"{host}look/?token={shared.token}",
+        f"{host}?token={shared.look_token}",
+        f"{host}?",
+        f"{host}look/?",
+    ):
         with pytest.raises(InvalidStatus, match="403"):
             link(wrong)
     for address, role in ((steers, STEER), (looks, LOOK)):

@@ -114,10 +114,10 @@ class Viewer:
         from .server import Server, page_file
 
         self.page = Page(self)
-        title = html.escape(f"{self.title} · globule").encode()
-        html_page, guard = page_file("viewer.html").replace(b"TITLE", title), Guard(self.token, self.look_token)
+        name = html.escape(f"{self.title} · globule").encode()
+        shown, guard = page_file("viewer.html").replace(b"TITLE", name), Guard(self.token, self.look_token)
         try:
-            self.server = Server(guard, html_page, PATH, self.page.desk.serve, host, port)
+            self.server = Server(guard, shown, PATH, self.page.desk.serve, host, port)
         except OSError:
             self.close()
             raise

@@ -14,7 +14,8 @@ MOST_CLIENTS = 16
 LOOKING = "You are looking; only a browser that steers changes the settings."
 AT_ONCE = 2  # actions of a browser that looks: an image, and the button that cancels it
 # Actions of the toolbar that change nothing for others.
-PRIVATE_ACTIONS = {"tool", "click", "drag", "fit", "picture", "state", "series", "section", "room", "tab", "dark"}
+PRIVATE_ACTIONS = {"look", "size", "tool", "click", "drag", "fit", "picture", "state", "series", "section", "room",
+                   "dark"}  # fmt: skip
 
 
 class Allowance:

@@ -112,12 +112,13 @@ class Server:
     loop: asyncio.AbstractEventLoop
 
     def __init__(
-        self, guard: Guard, page: bytes, path: str, talk: Callable[[Connection], Awaitable[None]], host: str, port: int
+        self, guard: Guard, page: bytes, path: str, talk: Callable[[Any], Awaitable[None]], host: str, port: int
     ):
         self._guard, self._page, self._path, self._talk = guard, page, path, talk
         self._open: weakref.WeakSet[Connection] = weakref.WeakSet()
         self._packed: dict[str, bytes] = {}
-        self._ready, self._error = threading.Event(), None
+        self._ready = threading.Event()
+        self._error: Exception | None = None
         self.port = 0
         self._thread = threading.Thread(
             target=lambda: asyncio.run(self._serve(host, port)), name="globule server", daemon=True
@@ -131,13 +132,14 @@ class Server:
         self.loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
         said = OneLine()
         self.loop.set_exception_handler(said.of_task)
+        made: Any = functools.partial(Connection, known=self._open)
         logger = logging.Logger("globule.viewer.connections", logging.WARNING)
         logger.addHandler(said)
         for tried in range(port, port + (MOST_TRIES if port else 1)):
             try:
                 server = await serve(
                     self._talk, host, tried, process_request=self._answer, compression=None, max_size=MOST_MESSAGE,
-                    create_connection=functools.partial(Connection, known=self._open), close_timeout=CLOSING,
+                    create_connection=made, close_timeout=CLOSING,
                     logger=logger,
                 )  # fmt: skip
                 break
