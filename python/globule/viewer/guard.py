@@ -108,6 +108,8 @@ class OneLine(logging.Handler):
 
     def say(self, what: str, error: BaseException | None) -> None:
         """Log a sentence with the error's first line, at most every `REPEAT` seconds."""
+        if type(error).__name__ == "ConnectionClosedError":
+            return  # a browser has left, or opens connections that it does not use
         if isinstance(error, RuntimeError) and "after shutdown" in str(error):
             return  # the program ends, while a browser is still there
         first = str(error).partition("\n")[0][:200] if error is not None else ""
