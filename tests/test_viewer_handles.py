@@ -1,24 +1,32 @@
 """Handles of cuts in a real browser: a person drags them, and no stroke of a tool does."""
 
+import globule as gb
 import numpy as np
 import pytest
 
 pytest.importorskip("websockets")
-from viewer_helpers import Watched, blob, drag_along, middle, next_frame, stroke, take_tool, until
+from globule.viewer.picture import sun_direction
+from test_viewer_simulation import POOL
+from viewer_helpers import Watched, blob, drag_along, middle, next_frame, open_section, stroke, take_tool, until
 
 BROWSERS = True  # see hang_guard
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
-def drag_arrow(watched, page) -> None:
-    cuts = watched.viewer.state.cuts
-    before = cuts.point
-    tip = page.locator("[data-handle=plane] circle")
+def drag(page, tip, by, release=True) -> None:
     tip.wait_for()
     next_frame(page)
     box = tip.bounding_box()
     at = np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
-    drag_along(page, np.linspace(at, at + (-30, 5), 4))
+    drag_along(page, np.linspace(at, at + by, 4))
+    if release:
+        page.mouse.up()
+
+
+def drag_arrow(watched, page) -> None:
+    cuts = watched.viewer.state.cuts
+    before = cuts.point
+    drag(page, page.locator("[data-handle=plane] circle"), (-30, 5), release=False)
     until(lambda: cuts.point != before, "for the handle to move the plane")
     assert page.client.camera == watched.seen
 
@@ -95,3 +103,38 @@ def test_the_keyboard_moves_a_handle_and_a_finger_turns_and_zooms(chromium):
             fingers("touchMove", at - (40 + 8 * i, 0), at + (40 + 8 * i, 0))
         fingers("touchEnd")
         until(lambda: far() < 0.7 * first, "for two fingers to zoom")
+
+
+def test_the_sun_and_an_instrument_in_a_browser(chromium):
+    """The arrow of the sun swings; a ring of an instrument turns it, and its arrows move it."""
+    with Watched(blob(150), chromium) as watched:
+        page, look = watched.page(), watched.viewer.state.look
+        watched.viewer.state.set(look__lights="own")
+        open_section(page, "Light")
+        open_section(page, "Layer")
+        page.locator("[data-handle=sun]").wait_for(state="detached")
+        open_section(page, "Light")
+        before, right = look.azimuth, page.client.camera.frame((1, 1))[2]
+        sun = np.array(sun_direction(look, watched.viewer.up))
+        drag(page, page.locator("[data-handle=sun] circle"), (30, 0))
+        until(lambda: look.azimuth != before, "for the sun to turn")
+        assert np.dot(sun_direction(look, watched.viewer.up) - sun, right) > 0.05
+    with Watched(gb.Simulation(POOL), chromium) as watched:
+        page, source = watched.page(), watched.viewer.source
+        open_section(page, "Simulation")
+        page.get_by_label("Move sucker by hand", exact=True).check()
+        tool = source.simulation.tools["sucker"]
+        play = next(panel for panel in watched.viewer.page.panels if hasattr(panel, "held"))
+        page.locator("[data-handle='instrument sucker']").wait_for()
+        before = np.array(play.held["sucker"])
+        page.get_by_role("slider", name="sucker, along x").focus()
+        page.keyboard.press("ArrowRight")
+        until(lambda: not np.allclose(play.held["sucker"][:3, 3], before[:3, 3]), "for it to move")
+        away = play.held["sucker"][:3, 3] - before[:3, 3]
+        assert np.allclose(np.cross(away, before[:3, 0]), 0, atol=1e-9)
+        page.get_by_role("slider", name="sucker, around z").focus()
+        page.keyboard.press("ArrowRight")
+        until(lambda: not np.allclose(play.held["sucker"][:3, :3], before[:3, :3]), "for it to turn")
+        turn = before[:3, :3].T @ play.held["sucker"][:3, :3]
+        assert np.degrees(np.arctan2(turn[1, 0], turn[0, 0])) == pytest.approx(5, abs=1e-3)
+        until(lambda: tool._wanted is not None and np.allclose(tool._wanted, play.held["sucker"]))

@@ -224,11 +224,15 @@ class Viewer:
         """An orthographic camera with its eye in front of everything; another one as it is."""
         if camera.height is None:
             return camera
-        lo, hi = (np.asarray(corner, np.float64) for corner in self._box)
         away = np.subtract(camera.eye, camera.look_at)
-        far = 1.5 * self.extent + float(np.linalg.norm(camera.look_at - (lo + hi) / 2))
+        far = 1.5 * self.extent + float(np.linalg.norm(camera.look_at - self.middle))
         eye = camera.look_at + away * (far / np.linalg.norm(away))
         return Camera(eye, camera.look_at, camera.up, camera.fov, camera.height)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """The middle (3,) of the scene's box, world."""
+        return np.add(*self._box) / 2
 
     @property
     def extent(self) -> float:

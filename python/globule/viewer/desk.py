@@ -27,6 +27,7 @@ from .roles import LOOKING, REFUSED, may_ask
 from .state import MOST_BYTES
 
 PATH = "/globule/desk"
+HELLO = 10.0  # s in which a page says what it is
 TICK = 0.3  # s between two looks at what changes by itself
 MOST_ACTION = 4096  # bytes
 MOST_WAITING = 32  # actions of a browser; what comes then waits in the connection
@@ -165,7 +166,7 @@ class Desk:
 
         browser, talk = Browser(next(self._numbers), connection), []
         with contextlib.suppress(ConnectionClosed):
-            hello = json.loads(await connection.recv())["value"]
+            hello = json.loads(await asyncio.wait_for(connection.recv(), HELLO))["value"]
             size, tab = size_of(hello["size"]), hello["tab"]
             if not isinstance(tab, str) or not 8 <= len(tab) <= 64:
                 raise ValueError("page: expected the name of a tab")
@@ -185,6 +186,7 @@ class Desk:
             finally:
                 for task in talk:
                     task.cancel()
+                await asyncio.gather(*talk, return_exceptions=True)
                 self.viewer.left(browser)
 
     def left(self, browser: Browser, client: Any) -> None:

@@ -20,10 +20,10 @@ from ..render.frame import Frame
 from .compare_source import Split
 from .encode import jpeg
 from .log import Repeats
-from .overlay import Mark, box_of, finish, origin_seen
+from .overlay import Mark, finish
 from .pacer import Pacer, Plan, limited
 from .picture import in_the_dark, trace
-from .plots import along_line, marks_of, measured_line, outline_of_plane
+from .plots import along_line, drawn_over, measured_line, outline_of_plane
 from .roles import AT_ONCE, STEER, Allowance
 from .room import Room
 from .source import Source
@@ -343,22 +343,10 @@ class Engine:
                 self._still = (client, core) if plan.still and core is not None else None
             try:
                 frame = self._traced(client, plan, what, state, camera)
-                plates = source.plates(state)
-                more = {
-                    "state": state,
-                    "camera": camera,
-                    "plates": plates,
-                    "flats": source.flats(state),
-                    "marks": client.marks
-                    + marks_of(source, state)
-                    + (outline_of_plane(state, *source.bounds()) if state.cuts.plane else []),
-                    "depth": frame.distance if plates or state.notes.box else None,
-                    "ends": source.maker.range,
-                    "kinds": source.maker.kinds,
-                    "origin": origin_seen(frame),
-                    "room": client.room,
-                    **box_of(frame, state),
-                }
+                marks = client.marks + (outline_of_plane(state, *source.bounds()) if state.cuts.plane else [])
+                more = {"state": state, "camera": camera, "room": client.room}
+                more |= drawn_over(source, frame, state, marks)
+                more["depth"] = frame.distance if more["plates"] or state.notes.box else None
                 picture = frame.picture
                 client.profile = self._profile(client, state)
             finally:

@@ -95,5 +95,5 @@ const globuleCamera = (changed) => {
     const scale = part.clientHeight / (view.height ?? slope() * Math.max(depth, 1e-9));
     return { x: part.clientWidth / 2 + scale * dot(from, right), y: part.clientHeight / 2 - scale * dot(from, up), scale, seen: depth > 0 };
   };
-  return { view, attach, key, project, add, sub, dot, cross, unit, turned, towards: () => unit(away()) };
+  return { view, attach, key, project, add, sub, dot, cross, unit, turned, sides };
 };

@@ -482,7 +482,7 @@
     socket?.close();
     const own = socket = new WebSocket(at("globule/desk"));
     own.binaryType = "arraybuffer";
-    own.onopen = () => { wait = 500; lost = false; room = ""; full = ""; moves = -1; inspector.again(); tell(); say("hello", { size: size(), tab, dark: night.matches }); };
+    own.onopen = () => { wait = 500; lost = false; room = ""; full = ""; moves = -1; inspector.again(); tell(); say("hello", { size: size(), tab, dark: night.matches }); say("section", inspector.chosen()); };
     own.onmessage = ({ data }) => {
       if (own !== socket) return;
       if (data instanceof ArrayBuffer && !new Uint32Array(data, 0, 1)[0]) keepPart(data.slice(4));

@@ -10,7 +10,7 @@ globule.handles = (camera, say) => {
   };
   const all = make("svg", { id: "globule-handles", role: "group", "aria-label": "Handles in the image" });
   const known = new Map();  // name: facts, element, parts
-  const { add, dot, cross, turned, project } = camera;
+  const { add, dot, cross, unit, turned, project, sides } = camera;
   const long = () => 90 * parseFloat(getComputedStyle(document.documentElement).getPropertyValue("--u"));
   const places = (one) => ({ at: project(one.at), length: long() / project(one.at).scale });
 
@@ -27,6 +27,14 @@ globule.handles = (camera, say) => {
       one.axes = one.axes.map((axis, k) => (k === part.k ? axis : turned(axis, one.axes[part.k], amount)));
       part.from = turned(part.from, one.axes[part.k], amount);
     } else one.at = add(one.at, one.axes[part.k], amount);
+    moved(one);
+  };
+  const swing = (one, dx, dy) => {  // pixels of the tip
+    const [right, up] = sides(), { length } = places(one), pixel = length / long();
+    one.axes = [unit(add(add(one.axes[0].map((v) => v * length), right, dx * pixel), up, -dy * pixel))];
+    moved(one);
+  };
+  const moved = (one) => {
     one.touched = Date.now();
     draw();
     if (!one.due) one.due = requestAnimationFrame(() => { one.due = 0; if (known.get(one.name) === one) say("handle", [one.name, one.at, one.three()]); });
@@ -44,6 +52,7 @@ globule.handles = (camera, say) => {
       if (!last) return;
       const way = flow(one, part), by = [e.clientX - last[0], e.clientY - last[1]];
       last = [e.clientX, e.clientY];
+      if (one.swings) return swing(one, ...by);
       pull(one, part, (by[0] * way[0] + by[1] * way[1]) / (way[0] ** 2 + way[1] ** 2));
     });
     for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) part.made.addEventListener(end, () => { last = null; one.held = false; });
@@ -51,7 +60,8 @@ globule.handles = (camera, say) => {
       const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[e.key];
       if (!way) return;
       e.preventDefault(); e.stopPropagation();
-      pull(one, part, way * (part.ring ? Math.PI / 36 : places(one).length / 12));
+      if (one.swings) swing(one, ...(/[RL]/.test(e.key) ? [8 * way, 0] : [0, -8 * way]));
+      else pull(one, part, way * (part.ring ? Math.PI / 36 : places(one).length / 12));
     });
   };
   const around = (one, k, n) => {  // n unit vectors of a ring
@@ -84,12 +94,12 @@ globule.handles = (camera, say) => {
   const begin = (facts) => {
     const one = { ...facts, made: make("g", { "data-handle": facts.name }), parts: [] };
     one.three = () => [0, 1, 2].map((k) => one.axes[k] ?? one.axes[0]);
-    const colors = facts.axes.length > 1 ? ["x", "y", "z"] : ["normal"];
+    const colors = facts.axes.length > 1 ? ["x", "y", "z"] : [facts.swings ? "sun" : "normal"];
     for (const ring of facts.turns ? [true, false] : [false]) {
       colors.forEach((color, k) => {
         const lines = ["wide", "edge", "line"].map((name) => make("path", { class: name }));
         const part = { k, ring, lines, tip: make("circle", { r: 8 }), from: [1, 0, 0] };
-        const label = `${facts.label}, ${ring ? "around" : "along"} ${color === "normal" ? "its normal" : color}`;
+        const label = facts.swings ? `${facts.label}, direction` : `${facts.label}, ${ring ? "around" : "along"} ${color === "normal" ? "its normal" : color}`;
         part.made = make("g", { class: color, role: "slider", tabindex: "0", "aria-label": label, "aria-valuenow": "0" }, make("title", {}), ...lines, ...(ring ? [] : [part.tip]));
         part.made.firstChild.textContent = `${label}: drag, or use the arrow keys`;
         if (ring) part.from = facts.axes[(k + 1) % 3];

@@ -75,7 +75,10 @@ class Panel:
         """React to the end of the viewer."""
 
 
-def handle(name: str, label: str, at: Any, axes: Any, turns: bool = False) -> dict[str, Any]:
-    """A handle for the page: arrows from a place (3,) along axes (n, 3), world; turns: rings, too."""
-    axes = np.asarray(axes, float)
-    return {"name": name, "label": label, "at": np.asarray(at, float).tolist(), "axes": axes.tolist(), "turns": turns}
+def handle(name: str, label: str, at: Any, axes: Any, **more: bool) -> dict[str, Any]:
+    """A handle for the page: arrows from a place (3,) along axes (n, 3), world, which move it.
+
+    turns: it has rings, too. swings: a drag turns its one arrow instead.
+    """
+    at, axes = np.asarray(at, float).tolist(), np.asarray(axes, float).tolist()
+    return {"name": name, "label": label, "at": at, "axes": axes, **more}

@@ -157,7 +157,7 @@ class Play(Panel):
     def handles(self, browser: Any) -> list[dict[str, Any]]:
         """Of the instruments that people move."""
         return [
-            handle(f"instrument {name}", name, pose[:3, 3], pose[:3, :3].T, True)
+            handle(f"instrument {name}", name, pose[:3, 3], pose[:3, :3].T, turns=True)
             for name, pose in list(self.held.items())
             if self.viewer.clients[browser.client_id].role == STEER
         ]
