@@ -342,9 +342,9 @@ class Desk:
         """The camera that a person has moved."""
         if not isinstance(value, dict):
             raise ValueError(f"page: expected a camera, got {str(value)[:40]}")
+        camera = Camera(**{name: value[name] for name in ("eye", "look_at", "up", "fov", "height") if name in value})
         if value.get("moves") == browser.moves:
-            facts = {name: value[name] for name in ("eye", "look_at", "up", "fov", "height") if name in value}
-            self.viewer.look(browser, Camera(**facts))
+            self.viewer.look(browser, camera)
 
     def _handle(self, browser: Browser, value: Any) -> None:
         """A handle in the image that a person has moved: [its name, its place, its axes]."""
