@@ -43,7 +43,13 @@ def looking(both):
 def from_the_top(looking):
     """One who looks moves its own camera; what it sent before has been handled then."""
     looking.command("Look from: top")
-    looking.heard(lambda m: m.get("camera", {"eye": (0, 0)})["eye"][1] > 1)
+
+    def down(message):
+        camera = message.get("camera", {"eye": (0, 0, 1), "look_at": (0, 0, 0)})
+        away = np.subtract(camera["eye"], camera["look_at"])
+        return away[1] > 0.99 * np.linalg.norm(away)
+
+    looking.heard(down)
 
 
 def test_who_looks_changes_nothing_that_others_see(shared, both):
