@@ -23,7 +23,7 @@ from .desk_model import Model
 from .gui import is_like
 from .pacer import Plan
 from .plots import over_time
-from .roles import LOOKING, REFUSED, may_ask
+from .roles import LOOKING, may_ask
 from .state import MOST_BYTES
 
 PATH = "/globule/desk"
@@ -81,7 +81,7 @@ class Browser:
 
     Attributes:
         client_id: counts the browsers of a viewer.
-        role: STEER, LOOK or REFUSED.
+        role: STEER or LOOK.
         tab: its name for itself, which a reload does not change.
         box: messages for it: dictionaries, and bytes.
         images: on their way to it.
@@ -171,7 +171,6 @@ class Desk:
             if not isinstance(tab, str) or not 8 <= len(tab) <= 64:
                 raise ValueError("page: expected the name of a tab")
             if not await self.viewer.welcome(browser, size, bool(hello["dark"]), *self._kept.pop(tab, (None, ""))):
-                browser.role = REFUSED
                 await connection.send(json.dumps(browser.box.pop()))
                 async for _ in connection:
                     pass
@@ -184,10 +183,10 @@ class Desk:
                 for task in done:
                     task.result()
             finally:
+                self.viewer.left(browser)
                 for task in talk:
                     task.cancel()
                 await asyncio.gather(*talk, return_exceptions=True)
-                self.viewer.left(browser)
 
     def left(self, browser: Browser, client: Any) -> None:
         """Forget a browser that has left."""

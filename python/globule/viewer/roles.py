@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 
-STEER, LOOK, REFUSED = "steer", "look", "refused"
+STEER, LOOK = "steer", "look"
 MOST_CLIENTS = 16
 LOOKING = "You are looking; only a browser that steers changes the settings."
 AT_ONCE = 2  # actions of a browser that looks: an image, and the button that cancels it
