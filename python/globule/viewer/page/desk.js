@@ -315,7 +315,7 @@
     if (e.altKey || e.repeat) return;
     const found = commands.find(([, key]) => key === keyOf(e));
     if (found) { e.preventDefault(); say("command", found[0]); if (found[0].startsWith("Cutting plane") && !model.plane) inspector.choose("Cut"); }
-    else if (camera.key(e)) e.preventDefault();
+    else if (!here?.matches?.("select") && camera.key(e)) e.preventDefault();
   }, true);
 
   // Dialogs, one at a time; Escape closes them
