@@ -128,3 +128,38 @@ def test_errors_are_said_in_the_page_and_callbacks_change_it(watched, caplog):
     watched.viewer.source.update(blob(60, seed=3))
     watched.viewer.refresh()
     watched.still(page, lambda p: p.shape == before.shape and not np.array_equal(p, before))
+
+
+def test_the_first_view_follows_the_window_until_a_person_moves_it(watched):
+    page = watched.program()
+    first = page.client.camera
+    page.ask("size", [60, 180])
+    until(lambda: page.client.camera != first, "for the view to be fitted again")
+    fitted = page.client.camera
+    until(lambda: page.camera["eye"] == list(fitted.eye))
+    late = page.camera | {"eye": [9.0, 9.0, 9.0], "moves": page._moves - 1}
+    page.ask("look", late)  # sent before the page knew of the server's move
+    page.look(eye=[0.0, 0.0, 4.0])
+    until(lambda: page.client.camera.eye == (0.0, 0.0, 4.0))
+    page.ask("size", [300, 90])
+    until(lambda: page.client.pacer.full == (300, 90))
+    assert page.client.camera.eye == (0.0, 0.0, 4.0)
+    page.ask("look", late)
+    page.command("Look from: top")
+    until(lambda: page.client.camera.eye[1] > 1, "for the view from above")
+    assert page.client.camera.eye != (9.0, 9.0, 9.0)
+
+
+def test_a_tab_that_is_loaded_again_keeps_camera_and_tool(watched):
+    from viewer_program import Program
+
+    page = watched._arrives(lambda: Program(watched.viewer.address, tab="of this test"))
+    page.look(eye=[0.0, 1.0, 4.0])
+    page.ask("tool", "Measure")
+    until(lambda: page.client.camera.eye == (0.0, 1.0, 4.0) and page.hand.tool == "Measure")
+    page.close()
+    until(lambda: not watched.viewer.clients)
+    again = watched._arrives(lambda: Program(watched.viewer.address, tab="of this test"))
+    assert (again.client.camera.eye, again.hand.tool) == ((0.0, 1.0, 4.0), "Measure")
+    until(lambda: again.camera)
+    assert again.camera["eye"] == [0.0, 1.0, 4.0]
