@@ -33,7 +33,7 @@ from playwright.sync_api import sync_playwright
 FLAGS = ["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 MOST = 60.0  # s, for a task
 # The image, then all controls over it: left, top, right, bottom, pixels.
-BOXES = """() => [document.querySelector("#root canvas"), ...document.querySelectorAll(
+BOXES = """() => [document.querySelector("#globule-image"), ...document.querySelectorAll(
     "#globule-desk > *, .note, .banner")]
   .map((part) => part.getBoundingClientRect())
   .map((b) => [b.left, b.top, b.right, b.bottom].map(Math.round))

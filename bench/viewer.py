@@ -5,7 +5,7 @@
     python -m bench.viewer --only browser                          # through a real browser
     python -m bench.viewer --only frames --soak-seconds 28800      # 8 hours of 10,000 files
 
-Needs neither viser nor a browser but for the last: pictures go through a socket to a thread that
+Needs no browser but for the last: pictures go through a socket to a thread that
 answers each. Prints a table and writes viewer.csv with --output.
 """
 

@@ -252,7 +252,7 @@ def test_examples_in_the_help_work(module, examples, monkeypatch):
     monkeypatch.chdir(examples)
     name = module.__name__.rpartition(".")[2]
     if name in ("view", "simulate"):  # pages would go on until Ctrl-C
-        pytest.importorskip("viser")
+        pytest.importorskip("websockets")
         monkeypatch.setattr("globule.viewer.app.Viewer.wait", lambda viewer: viewer.close())
         monkeypatch.setattr("globule.viewer.app.Viewer.open_browser", lambda viewer: None)
         # The start page, where somebody chooses at once.

@@ -7,7 +7,7 @@ import pytest
 from cli_helpers import refused
 from globule.cli import main
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 
 @pytest.fixture

@@ -358,7 +358,7 @@ def loaded(code: str) -> set[str]:
 
 def test_import_is_short_little_and_prints_nothing_and_scenes_are_checked(particles):
     names = loaded("import globule")
-    heavy = ("PIL", "viser", "matplotlib", "scipy", "av", "nibabel", "SimpleITK")
+    heavy = ("PIL", "websockets", "matplotlib", "scipy", "av", "nibabel", "SimpleITK")
     assert not {name for name in names if name.split(".")[0] in heavy}
     rooms = ("sim", "ultrasound", "viewer", "volumes", "formats", "figures", "bench", "cli")
     assert not {name for name in names if name.startswith(tuple(f"globule.{r}" for r in rooms))}

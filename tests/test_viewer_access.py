@@ -63,6 +63,8 @@ def test_a_phone_and_a_4k_window(watched, size):
 def test_no_finding_of_axe(watched, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     page, _ = opened(watched, 1000, 640, color_scheme=scheme)
+    watched.viewer.state.set(cuts__plane=True, cuts__box=True, look__lights="own")
+    page.locator("[data-handle=hi]").wait_for()
     found = {}
     for title in SECTIONS:
         open_section(page, title)

@@ -145,7 +145,7 @@ def test_who_looks_cannot_steer_also_after_both_connect_again(watched):
         assert page.get_by_label("Scale bar", exact=True).is_disabled()
     with looking(watched) as (page, _):
         known = set(viewer.clients)
-        viewer.server._websock_server.disconnect_all_clients()
+        viewer.server.call(viewer.server.drop)
         until(lambda: len(set(viewer.clients) - known) == 2, "for both")
         assert sorted(client.role for client in viewer.clients.values()) == ["look", "steer"]
         until(cutting_plane(page).is_disabled)

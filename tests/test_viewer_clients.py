@@ -1,7 +1,5 @@
 """Browsers that come and go, as programs: cameras of their own, slow ones, what they leave."""
 
-import asyncio
-import collections
 import gc
 import subprocess
 import sys
@@ -13,11 +11,7 @@ import pytest
 from globule._base.memory import resident_bytes
 from viewer_helpers import PATIENCE, Watched, blob, our_threads, threads_of_browsers, until
 
-pytest.importorskip("viser")
-
-from globule.viewer.wakeups import wake_always
-from viser import _messages
-from viser.infra._async_message_buffer import AsyncMessageBuffer
+pytest.importorskip("websockets")
 
 
 @pytest.fixture
@@ -40,7 +34,7 @@ def test_pictures_arrive_in_order(watched):
 
     for i in range(1, 8):
         camera = page.client.camera
-        page.look(position=[0.1 * i, 0.0, 3.0])
+        page.look(eye=[0.1 * i, 0.0, 4.0])
         until(lambda camera=camera: page.client.camera != camera)
         watched.still(page)
     until(lambda: shown()[-1] == page.client.number)
@@ -53,7 +47,7 @@ def test_a_browser_that_never_answers_holds_up_nobody(watched):
     stuck, camera_of_one = one.client.number, one.client.camera
     for i in range(1, 4):
         camera = two.client.camera
-        two.look(position=[0.1 * i, 0.0, 3.0])
+        two.look(eye=[0.1 * i, 0.0, 4.0])
         until(lambda camera=camera: two.client.camera != camera)
         watched.still(two)
     assert (one.client.number, one.client.camera) == (stuck, camera_of_one)
@@ -89,7 +83,7 @@ def come_and_go() -> None:
         page, sizes = watched.program(), []
         for _ in range(12):
             page = reloaded(watched, page)
-            page.look(image_width=480, image_height=320)
+            page.ask("size", [480, 320])
             until(lambda page=page: page.client.pacer.full == (480, 320))
             watched.still(page)
             watched.shown.clear()
@@ -136,33 +130,36 @@ def test_errors_are_said_in_the_page_and_callbacks_change_it(watched, caplog):
     watched.still(page, lambda p: p.shape == before.shape and not np.array_equal(p, before))
 
 
-class Late(collections.deque):
-    """Of those who wait for an event: one comes while another thread sets it."""
+def test_the_first_view_follows_the_window_until_a_person_moves_it(watched):
+    page = watched.program()
+    first = page.client.camera
+    page.ask("size", [60, 180])
+    until(lambda: page.client.camera != first, "for the view to be fitted again")
+    fitted = page.client.camera
+    until(lambda: page.camera["eye"] == list(fitted.eye))
+    late = page.camera | {"eye": [9.0, 9.0, 9.0], "moves": page._moves - 1}
+    page.ask("look", late)  # sent before the page knew of the server's move
+    page.look(eye=[0.0, 0.0, 4.0])
+    until(lambda: page.client.camera.eye == (0.0, 0.0, 4.0))
+    page.ask("size", [300, 90])
+    until(lambda: page.client.pacer.full == (300, 90))
+    assert page.client.camera.eye == (0.0, 0.0, 4.0)
+    page.ask("look", late)
+    page.command("Look from: top")
+    until(lambda: page.client.camera.eye[1] > 1, "for the view from above")
+    assert page.client.camera.eye != (9.0, 9.0, 9.0)
 
-    between = None
 
-    def append(self, waiter):
-        between, self.between = self.between, None
-        if between:
-            thread = threading.Thread(target=between)
-            thread.start()
-            thread.join()
-        super().append(waiter)
+def test_a_tab_that_is_loaded_again_keeps_camera_and_tool(watched):
+    from viewer_program import Program
 
-
-@pytest.mark.parametrize("persistent", [False, True])
-def test_a_message_that_comes_between_looking_and_waiting(persistent):
-    async def first_window():
-        buffer = AsyncMessageBuffer(asyncio.get_running_loop(), persistent)
-        wake_always(buffer)
-        message = _messages.RunJavascriptMessage("")
-        buffer.message_event._waiters = waiters = Late()
-        waiters.between = lambda: buffer.push(message)
-        windows = buffer.window_generator(0)
-        try:
-            return await asyncio.wait_for(anext(windows), PATIENCE), message
-        finally:
-            await windows.aclose()
-
-    window, message = asyncio.run(first_window())
-    assert window == [message]
+    page = watched._arrives(lambda: Program(watched.viewer.address, tab="of this test"))
+    page.look(eye=[0.0, 1.0, 4.0])
+    page.ask("tool", "Measure")
+    until(lambda: page.client.camera.eye == (0.0, 1.0, 4.0) and page.hand.tool == "Measure")
+    page.close()
+    until(lambda: not watched.viewer.clients)
+    again = watched._arrives(lambda: Program(watched.viewer.address, tab="of this test"))
+    assert (again.client.camera.eye, again.hand.tool) == ((0.0, 1.0, 4.0), "Measure")
+    until(lambda: again.camera)
+    assert again.camera["eye"] == [0.0, 1.0, 4.0]

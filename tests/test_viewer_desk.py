@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, blob, drag_along, open_section, talk, told, traced, until, view
+from viewer_helpers import Watched, blob, drag_along, open_section, told, traced, until, view
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer.compare_source import CompareSource
 from globule.viewer.open import open_source
-from viewer_program import Program
+from viewer_program import hello, link
 
 BROWSERS = True  # see hang_guard
 
@@ -25,17 +25,12 @@ def viewer():
         yield made
 
 
-@pytest.fixture
-def word(viewer):
-    """With which a page's script names itself."""
-    with closing(Program(viewer.address, script=False)) as program:
-        yield until(lambda: program.word)
-
-
 def test_the_page_has_the_controls_and_a_histogram_of_all_particles(viewer):
     with urllib.request.urlopen(viewer.address) as answer:
         assert b"globule/desk.js" in answer.read()
-    scripts = [(f"{name}.js", "application/javascript") for name in ("desk", "inspector", "upload")]
+    scripts = [
+        (f"{name}.js", "application/javascript") for name in ("desk", "inspector", "upload", "camera", "handles")
+    ]
     for name, kind in [*scripts, ("desk.css", "text/css")]:
         with urllib.request.urlopen(f"{viewer.address}globule/{name}") as answer:
             assert answer.headers["Content-Type"].startswith(kind)
@@ -52,9 +47,10 @@ def test_the_page_has_the_controls_and_a_histogram_of_all_particles(viewer):
     assert (plot["lo"], plot["hi"]) == pytest.approx((speed.min(), speed.max()))
 
 
-def test_a_model_comes_actions_change_the_settings_and_strangers_are_refused(viewer, word, caplog):
-    with talk(viewer.port, f"desk?word={word}") as connection:
-        model = told(connection)
+def test_a_model_comes_actions_change_the_settings_and_strangers_are_refused(viewer, caplog):
+    with closing(link(viewer.address)) as connection:
+        connection.send(hello())
+        model = told(connection, lambda m: m["title"])
         assert model["time"]["frames"] == 2
         assert model["color"]["options"]
 
@@ -82,8 +78,9 @@ def test_a_model_comes_actions_change_the_settings_and_strangers_are_refused(vie
         assert not viewer.state.cuts.plane
     from websockets.exceptions import ConnectionClosed
 
-    for path, said, code in (("desk?word=guessed", "x", 1008), (f"desk?word={word}", 100_000 * "x", 1009)):
-        with talk(viewer.port, path) as one, pytest.raises(ConnectionClosed) as closed:  # noqa: PT012
+    for first, said, code in (("x", "x", 1011), (hello(), 100_000 * "x", 1009)):
+        with closing(link(viewer.address)) as one, pytest.raises(ConnectionClosed) as closed:  # noqa: PT012
+            one.send(first)
             one.send(said)
             told(one, lambda model: False)
         assert closed.value.rcvd.code == code

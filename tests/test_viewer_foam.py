@@ -8,7 +8,7 @@ import pytest
 from test_sim_foam import DAM, LIVELY
 from viewer_helpers import Watched, steps, traced, until, view
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.render.settings import for_values
 from globule.viewer.open import open_source

@@ -10,7 +10,7 @@ from test_sim_force import scene_with_grasper
 from viewer_helpers import Watched, drag_along, middle, next_frame, steps, take_tool, until, view
 from waiting import PATIENCE
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.sim.tissue import BALL
 from globule.viewer.desk_model import Model

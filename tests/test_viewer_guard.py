@@ -1,26 +1,27 @@
 """Who may see the page, and what browsers may send."""
 
+import gzip
 import http.client
 import itertools
+import json
 import socket
 from contextlib import closing
 
 import numpy as np
 import pytest
+from globule.viewer.app import Viewer
 from globule.viewer.guard import Guard, is_local
-from globule.viewer.roles import LOOK, STEER, Visitor
-from viewer_helpers import PATIENCE, until, view
+from globule.viewer.open import open_source
+from globule.viewer.roles import LOOK, STEER
+from viewer_helpers import PATIENCE, told, until, view
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
-import viser
-from viewer_program import CAMERA, Program
+from viewer_program import Program, hello, link
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
-from websockets.sync.client import connect
 
-PROTOCOL = f"viser-v{viser.__version__}"
 POINT = np.zeros((1, 3), np.float32)
 
 
@@ -64,9 +65,9 @@ def test_addresses_of_this_machine_tokens_and_roles_of_tabs():
         ("/?token=secret", "", STEER),
         ("/look/?token=only", "", LOOK),
         ("/", both, STEER),
-        ("/globule/desk?word=x", both, STEER),
-        ("/look", both, LOOK),  # viser's websocket
-        ("/look/globule/desk?word=x", both, LOOK),
+        ("/globule/desk?x=y", both, STEER),
+        ("/look", both, LOOK),
+        ("/look/globule/desk?x=y", both, LOOK),
         ("/looks", both, STEER),
         ("/", looks, None),
         ("/?token=only", looks, None),
@@ -74,8 +75,8 @@ def test_addresses_of_this_machine_tokens_and_roles_of_tabs():
         ("/look/?token=secret", both, LOOK),
     ):
         assert guard.role(path, headers(Host="box", Cookie=cookies)) == role, (path, cookies)
-    below = ("/", "/", "/globule/desk?word=x", "/?token=only")
-    paths = ("/look", "/look/", "/look/globule/desk?word=x", "/look?token=only")
+    below = ("/", "/", "/globule/desk?x=y", "/?token=only")
+    paths = ("/look", "/look/", "/look/globule/desk?x=y", "/look?token=only")
     assert [guard.asked(path) for path in paths] == [(LOOK, rest) for rest in below]
     assert Guard(None).asked("/look/") == (STEER, "/look/")
 
@@ -84,12 +85,6 @@ def test_addresses_of_this_machine_tokens_and_roles_of_tabs():
 def guarded():
     with view(POINT, host="0.0.0.0") as viewer:
         yield viewer
-
-
-def linked(viewer, path="?"):
-    """A connection as browsers have it."""
-    url = f"ws://127.0.0.1:{viewer.port}/{path}token={viewer.token}"
-    return connect(url, subprotocols=[PROTOCOL], max_size=None)
 
 
 def ask(port: int, path: str = "/", **given) -> http.client.HTTPResponse:
@@ -106,7 +101,8 @@ def test_without_the_token_neither_page_nor_messages(guarded, capfd):
     assert f"?token={guarded.token}" in guarded.address
     for path in ("/", "/index.html", "/?token=x", "/%2e%2e/etc/passwd"):
         assert ask(guarded.port, path).status == 403
-    assert (ask(guarded.port, **UPGRADE).status, ask(guarded.port, "/?token=x", **UPGRADE).status) == (403, 403)
+    for path in ("/globule/desk", "/globule/desk?token=x", f"/look/globule/desk?token={guarded.token}"):
+        assert ask(guarded.port, path, **UPGRADE).status == 403
     good = ask(guarded.port, f"/?token={guarded.token}")
     assert good.status == 200
     assert "default-src 'self'" in good.headers["Content-Security-Policy"]
@@ -115,25 +111,24 @@ def test_without_the_token_neither_page_nor_messages(guarded, capfd):
     assert "SameSite=Strict" in cookie
     name = cookie.split(";")[0]
     assert ask(guarded.port, "/", Cookie=name).status == 200
-    assert ask(guarded.port, Cookie=name, Sec_WebSocket_Protocol=PROTOCOL, **UPGRADE).status == 101
+    assert ask(guarded.port, "/globule/desk", Cookie=name, **UPGRADE).status == 101
     strange = dict(UPGRADE, Origin="http://evil.example", Cookie=name)
-    assert ask(guarded.port, **strange).status == 403
+    assert ask(guarded.port, "/globule/desk", **strange).status == 403
 
 
 def test_requests_that_no_browser_sends_get_403_and_large_ones_no_answer(guarded):
     token, good = guarded.token.encode(), b"Host: box\r\n"
-    for line, more in (
-        (b"//[", b""),
-        (b"/?token=\xff", b""),
-        (b"/?token=" + token, b"X-Forwarded-Proto: https\r\nX-Forwarded-Proto: http\r\n"),
-        (b"/?token=" + token, b"Accept-Encoding: gzip\r\nAccept-Encoding: br\r\n"),
-        (b"/" + 3000 * b"x" + b"?token=" + token, b""),
+    for line, more, status in (
+        (b"//[", b"", b"403"),
+        (b"/?token=\xff", b"", b"403"),
+        (b"/?token=" + token, b"X-Forwarded-Proto: https\r\nX-Forwarded-Proto: http\r\n", b"200"),
+        (b"/?token=" + token, b"Accept-Encoding: gzip\r\nAccept-Encoding: br\r\n", b"200"),
+        (b"/" + 3000 * b"x" + b"?token=" + token, b"", b"404"),
     ):
         with socket.create_connection(("127.0.0.1", guarded.port)) as asked:
             asked.sendall(b"GET " + line + b" HTTP/1.1\r\n" + good + more + b"\r\n")
-            status = asked.makefile("rb").readline().split()[1]
-        assert status == (b"200" if b"Forwarded" in more else b"403"), line
-    with linked(guarded) as connection:
+            assert asked.makefile("rb").readline().split()[1] == status, line
+    with closing(link(guarded.address)) as connection:
         connection.send(bytes(2 * 1024 * 1024))
         with pytest.raises(ConnectionClosed) as closed:
             all(connection.recv(timeout=PATIENCE) for _ in itertools.count())
@@ -141,11 +136,11 @@ def test_requests_that_no_browser_sends_get_403_and_large_ones_no_answer(guarded
 
 
 @pytest.mark.parametrize("opcode", ["PING", "PONG", "CONT"])
-@pytest.mark.parametrize("path", ["", "globule/desk"])
-def test_a_flood_of_frames_without_a_message_ends_the_connection(guarded, caplog, opcode, path):
-    steering = Program(guarded.address, script=not path)
-    word = until(lambda: steering.word)
-    with linked(guarded, f"{path}?word={word}&") as flooding:
+@pytest.mark.parametrize("first", ["", hello()], ids=["a stranger", "a page"])
+def test_a_flood_of_frames_without_a_message_ends_the_connection(guarded, caplog, opcode, first):
+    with closing(link(guarded.address)) as flooding:
+        if first:
+            flooding.send(first)
         if opcode == "CONT":
             flooding.socket.sendall(Frame(Opcode.BINARY, b"x", fin=False).serialize(mask=True))
         empty = Frame(Opcode[opcode], b"", fin=opcode != "CONT").serialize(mask=True)
@@ -157,39 +152,31 @@ def test_a_flood_of_frames_without_a_message_ends_the_connection(guarded, caplog
         until(lambda: guarded.state.cuts.plane)
     said = [r.getMessage() for r in caplog.records if "frames" in r.getMessage()]
     assert said == ["page: a browser sent too many frames without a message"]
-    steering.close()
-
-
-def test_viser_takes_no_file_and_another_version_prints_nothing(guarded, capfd):
-    """Ten headers of files whose bytes never come."""
-    program = Program(guarded.address)
-    begin = {"type": "FileTransferStartUpload", "filename": "f", "mime_type": "text/plain"}
-    for i in range(10):
-        file = {"source_component_uuid": "x", "transfer_uuid": f"stalled {i}"}
-        program.say(begin | file | {"part_count": 1, "size_bytes": 9})
-    program.ask("load", ["view.toml", "[cuts]\nplane = true\n"])
-    until(lambda: guarded.state.cuts.plane)
-    assert not guarded.server.gui._current_file_upload_states
-    program.close()
-    url = f"ws://127.0.0.1:{guarded.port}/?token={guarded.token}"
-    with connect(url, subprotocols=["viser-v0"]) as one, pytest.raises(ConnectionClosed) as closed:
-        one.recv(timeout=PATIENCE)
-    assert closed.value.rcvd.code == 1002  # at which the page says why
-    assert capfd.readouterr() == ("", "")
 
 
 def test_what_is_no_message_gets_one_line(guarded, caplog, capfd):
-    pack = pytest.importorskip("msgspec").msgpack.encode
-    nowhere = CAMERA | {"position": [float("nan")] * 3, "image_height": 0, "image_width": 10**9}
-    for messages in (
-        [b"\x00garbage"], ["text"], [pack({"type": "Nope"})], [pack([CAMERA])], [pack(nowhere)],
-        [pack(CAMERA), pack(nowhere)],
+    def asks(name, value):
+        return json.dumps({"do": name, "value": value})
+
+    nowhere = {"eye": [float("nan")] * 3, "look_at": [0] * 3, "up": [0, 1, 0], "fov": 1.0, "moves": 1}
+    for first in (
+        b"\x00garbage", "text", asks("Nope", 3), "[" * 4000, "[]", hello(size=[0, "x"]), hello(size=[1e300, 1e999]),
+        hello(tab="x"),
     ):  # fmt: skip
-        known = len(caplog.records)
-        with linked(guarded) as one:
-            for message in messages:
-                one.send(message)
-            until(lambda known=known: len(caplog.records) > known, "for a line in the log")
+        with closing(link(guarded.address)) as one, pytest.raises(ConnectionClosed) as closed:  # noqa: PT012
+            one.send(first)
+            one.recv(timeout=PATIENCE)
+        assert closed.value.rcvd.code == 1011
+    assert not guarded.clients
+    for wrong in (
+        "text", "[]", b"\x00garbage", "[" * 4000, asks("size", [1, 2, 3]), asks("size", [float("nan"), 2]),
+        asks("look", nowhere), asks("look", [1]), asks("handle", ["plane", [0] * 3, [[0] * 3] * 2]), asks("handle", 3),
+    ):  # fmt: skip
+        with closing(link(guarded.address)) as one:
+            one.send(hello())
+            one.send(wrong)
+            told(one, lambda m: m["note"]["wrong"])
+    assert len(caplog.records) > 6
     for record in caplog.records:
         assert record.name == "globule.viewer"
         assert "\n" not in record.getMessage()
@@ -198,16 +185,22 @@ def test_what_is_no_message_gets_one_line(guarded, caplog, capfd):
     assert ask(guarded.port, f"/?token={guarded.token}").status == 200
 
 
-def test_the_page_is_bound_to_this_machine_and_cannot_be_shared():
-    from viser import _messages
-
+def test_the_page_is_bound_to_this_machine():
     with view(POINT) as viewer:
-        for kind in (_messages.ShareUrlRequest, _messages.FileTransferStartUpload, _messages.GuiUpdateMessage):
-            assert not viewer.page.roles.may(Visitor(STEER), kind.__new__(kind))
         addresses = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None)}
         for address in addresses - {"127.0.0.1", "127.0.1.1", "::1"}:
             with pytest.raises(OSError, match=r"refused|timed out|unreachable"):
                 socket.create_connection((address, viewer.port), timeout=5)
+
+
+def test_a_title_is_text_and_files_are_packed_for_those_who_ask():
+    with Viewer(open_source(POINT), title="a <b>", port=0) as viewer:
+        plain = ask(viewer.port)
+        packed = ask(viewer.port, Accept_Encoding="gzip, br")
+        page = plain.read()
+        assert b"<title>a &lt;b&gt; \xc2\xb7 globule</title>" in page
+        assert gzip.decompress(packed.read()) == page
+        assert (plain.headers["Content-Encoding"], packed.headers["Content-Encoding"]) == (None, "gzip")
 
 
 def test_values_that_no_widget_would_send_are_refused():
@@ -239,14 +232,3 @@ def test_values_that_no_widget_would_send_are_refused():
         widget.take(None, 10**9)
         assert "expected 1 to 64, got 1e+09" in heard[0]
         assert viewer.state.quality.samples == widget.max == 64
-
-
-def test_other_servers_of_the_process_are_not_affected(monkeypatch):
-    refused = []
-    monkeypatch.setattr(Guard, "refusal", lambda *request: refused.append(request))
-    with view(POINT) as viewer:
-        assert (ask(viewer.port).status, len(refused)) == (200, 1)
-        plain = viser.ViserServer("127.0.0.1", 0, verbose=False)
-        assert "Content-Security-Policy" not in ask(plain.get_port()).headers
-        plain.stop()
-        assert len(refused) == 1

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from viewer_helpers import blob, engine_of, traced, until, view
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer.open import open_source
 from globule.viewer.pacer import STILL_AFTER, Pacer
@@ -94,7 +94,7 @@ def test_settings_are_assigned_and_a_slip_is_an_error():
 @pytest.mark.parametrize("page", [True, False])
 def test_a_client_that_reads_nothing_does_not_hold_up_the_end(page):
     made = Start(lambda name: None) if page else view(blob(60))
-    path = "/globule/start" if page else "/"
+    path = "/globule/start" if page else "/globule/desk"
     key = base64.b64encode(os.urandom(16)).decode()
     with socket.create_connection(("127.0.0.1", made.port)) as unread:
         words = f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{made.port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"

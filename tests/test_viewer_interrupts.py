@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from viewer_helpers import PATIENCE, blob, until
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from viewer_program import Program
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from viewer_helpers import Watched, blob, until
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer import sequence_source
 from globule.viewer.state import State
@@ -47,7 +47,7 @@ def test_a_click_does_not_wait_for_a_long_image(opened, lost):
     until(lambda: client.frame is not None, "for the first image")
     viewer.state.set(quality__samples=64)
     client.pacer.scale = 0.1  # of the moving image, which comes first
-    program.look(image_width=3000, image_height=2250)
+    program.ask("size", [3000, 2250])
     until(lambda: engine._still is not None and client.pacer.full[0] == 3000, "for a long image")
     with engine.wake:
         core, cancelled = engine._still[1], []
@@ -67,7 +67,7 @@ def test_a_click_does_not_wait_for_a_long_image(opened, lost):
     ray = np.subtract(found.position, camera.eye)
     towards = np.subtract(camera.look_at, camera.eye)
     assert np.dot(ray, towards) / np.linalg.norm(ray) / np.linalg.norm(towards) > 0.99
-    program.look(image_width=60, image_height=45)  # for a quick end
+    program.ask("size", [60, 45])  # for a quick end
     until(lambda: client.pacer.full[0] == 60)
 
 

@@ -4,7 +4,6 @@ import base64
 import io
 import json
 from contextlib import closing
-from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -111,7 +110,7 @@ def test_the_widget_in_a_browser(chromium):
     from globule.viewer import notebook
     from globule.viewer.encode import jpeg
 
-    script = Path(notebook.__file__).with_name("notebook.js").read_text()
+    script = notebook.script()
     with closing(chromium.new_page()) as page:
         page.set_content(PAGE % json.dumps(script))
         page.wait_for_function("window.ready")

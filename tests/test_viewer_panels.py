@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from viewer_helpers import Watched, blob, engine_of, open_section, silhouette, type_number, until
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer.page.jobs import Cancelled, Job
 from globule.viewer.recording import Recorder, Shot, turntable
@@ -150,7 +150,8 @@ def test_views_bookmarks_and_fit(watched, page):
     page.set("Go")
     until(lambda: from_the(0, -1))
     assert np.allclose(kept.eye, page.client.camera.eye, atol=1e-4)
-    page.look(position=(4 * np.array(page.camera["position"])).tolist())
+    until(lambda: page.camera["eye"] == list(page.client.camera.eye), "for the page to know")
+    page.look(eye=(4 * np.array(kept.eye)).tolist())
     until(lambda: np.linalg.norm(page.client.camera.eye) > 3 * np.linalg.norm(kept.eye))
     far = silhouette(watched.still(page))
     page.ask("fit")
@@ -394,7 +395,7 @@ def test_names_of_a_file_are_text(make):
             made.viewer.state.set(color__by=name)
         program.hand.click((0.5, 0.5))
         until(lambda: any("position" in text for text in sent_as_markdown(program)))
-        panel(made, "Save").show_equivalent(next(iter(made.viewer.server.get_clients().values())))
+        panel(made, "Save").show_equivalent(next(iter(made.viewer.page.desk.browsers.values())))
         until(lambda: any("```sh" in text for text in sent_as_markdown(program)))
         found = list(sent_as_markdown(program))
         assert len(found) > 3

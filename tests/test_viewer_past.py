@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from viewer_helpers import until, view
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer import past
 from globule.viewer.open import open_source

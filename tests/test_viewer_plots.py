@@ -5,9 +5,9 @@ import json
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, blob, engine_of, middle, steps, until, view
+from viewer_helpers import Watched, blob, engine_of, steps, until, view
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer.export import notebook
 from globule.viewer.open import open_source
@@ -99,11 +99,17 @@ def test_a_measured_line_is_plotted_and_brushed(chromium):
         desk = page.locator("#globule-desk")
         state.set(color__by="speed")
         desk.get_by_role("button", name="Measure").click()
-        hand, at = page.hand, middle(page)
+        hand = page.hand
         until(lambda: hand.tool == "Measure")
-        page.mouse.click(*at - (40, 0))
+        card = desk.locator(".inspector").bounding_box()["x"]  # beside it, the view is fitted again
+        until(lambda: page.client.room.right > 0)
+        watched.still(page)
+        row = page.client.frame.mask.shape[0] // 2
+        first, second = np.percentile(np.flatnonzero(page.client.frame.mask[row]), (30, 60))
+        assert second < card
+        page.mouse.click(first, row)
         until(lambda: hand.picked)
-        page.mouse.click(*at + (40, 10))
+        page.mouse.click(second, row)
         until(lambda: state.measure.shown)
         plot = desk.get_by_role("img", name="speed from 0 to")
         plot.wait_for()

@@ -10,7 +10,7 @@ import urllib.request
 import pytest
 from viewer_helpers import PATIENCE, WINDOW, blob, middle, stroke, until, view
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 BROWSERS = True  # see hang_guard
 NGINX = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")

@@ -1,23 +1,21 @@
 """Several people: who steers, who looks, and how many there may be."""
 
-import asyncio
 import json
 import socket
 import threading
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from viewer_helpers import PATIENCE, blob, talk, told, until, view
+from viewer_helpers import PATIENCE, blob, told, until, view
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
-import msgspec
 from globule.viewer.guard import OTHERS, OneLine
-from globule.viewer.roles import LOOK, LOOKING, PRIVATE_ACTIONS, STEER, VISITOR
-from viewer_program import CAMERA, Program
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from globule.viewer.roles import LOOK, LOOKING, PRIVATE_ACTIONS, STEER
+from viewer_program import Program, hello, link
+from websockets.exceptions import InvalidStatus
 from websockets.frames import Frame, Opcode
 
 
@@ -45,7 +43,13 @@ def looking(both):
 def from_the_top(looking):
     """One who looks moves its own camera; what it sent before has been handled then."""
     looking.command("Look from: top")
-    looking.heard(lambda m: m["type"] == "SetCameraPositionMessage" and m["position"][1] > 1)
+
+    def down(message):
+        camera = message.get("camera", {"eye": (0, 0, 1), "look_at": (0, 0, 0)})
+        away = np.subtract(camera["eye"], camera["look_at"])
+        return away[1] > 0.99 * np.linalg.norm(away)
+
+    looking.heard(down)
 
 
 def test_who_looks_changes_nothing_that_others_see(shared, both):
@@ -71,64 +75,49 @@ def test_the_toolbar_of_who_looks(shared, looking):
     model = desk.model.of(SimpleNamespace(client_id=number))
     assert (model["role"], model["people"], model["tools"]) == (LOOK, [2, 3], ["Rotate, pick", "Measure"])
     before = shared.state.to_toml()
-    with toolbar(shared, looking, shared.look_token) as asks:
-        for name in desk._actions().keys() - PRIVATE_ACTIONS:
-            asks.send(json.dumps({"do": name, "value": {"cuts__plane": True}}))
-        asks.send(json.dumps({"do": "tool", "value": "Measure"}))
-        until(lambda: shared.page.tools.hands[number].tool == "Measure")
-        told(asks, lambda m: m["note"]["body"] == LOOKING)
-        assert shared.state.to_toml() == before
+    for name in desk._actions().keys() - PRIVATE_ACTIONS:
+        looking.ask(name, {"cuts__plane": True})
+    looking.ask("tool", "Measure")
+    until(lambda: shared.page.tools.hands[number].tool == "Measure")
+    looking.heard(lambda m: m.get("note", {}).get("body") == LOOKING)
+    assert shared.state.to_toml() == before
 
 
-@contextmanager
-def toolbar(viewer, program, token):
-    word = until(lambda: program.word, "for the page's word")
-    page = "/look" if token == viewer.look_token else ""
-    with talk(viewer.port, f"desk?word={word}&token={token}", page) as connection:
-        yield connection
-
-
-def test_a_toolbar_has_no_more_rights_than_its_page_and_its_own_token(shared):
-    """The page looks and its script has the token that steers, and the other way around; then the
-    page goes."""
-    steers, looks = (shared.address, shared.token), (shared.look_address, shared.look_token)
-    for page, script in ((steers[0], looks[1]), (looks[0], steers[1]), looks):
-        program = Program(page, script=False)
-        with toolbar(shared, program, script) as asks:
-            asks.send(json.dumps({"do": "set", "value": {"cuts__plane": True}}))
-            told(asks, lambda m: m["note"]["body"] == LOOKING)
-            program.close()
-            until(lambda: not shared.clients)
-            with pytest.raises(ConnectionClosed):  # the script's goes with the page's
-                ask_for_ever(asks, {"do": "set", "value": {"cuts__box": True}})
-        assert not shared.state.cuts.plane
-        assert shared.state.look.preset == "plain"
-    program = Program(shared.address, script=False)
-    word = until(lambda: program.word)
-    program.close()
-    until(lambda: not shared.clients)
-    late = talk(shared.port, f"desk?word={word}&token={shared.token}")
-    with late, pytest.raises(ConnectionClosed):
-        late.recv(timeout=PATIENCE)
-    with pytest.raises(InvalidStatus, match="403"):
-        talk(shared.port, f"desk?word={word}")
-
-
-def test_no_message_of_visers_page_sets_a_control_or_an_attribute(shared, both):
-    """viser would set whatever attribute of a widget a message names."""
+def test_who_looks_has_and_moves_no_handle(shared, both):
     looking, steering = both
-    slider = shared.server.gui.add_slider("Of viser", 0, 9, 1, 5)
-    for program in (looking, steering):
-        for updates in ({"value": 7}, {"removed": True}, {"update_cb": []}):
-            program.say({"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": updates})
-    from_the_top(looking)
-    from_the_top(steering)
-    assert (slider.value, slider._impl.removed) == (5, False)
+    shared.state.set(cuts__plane=True)
+    (handle,) = until(lambda: steering.model["handles"], "for the handle of who steers")
+    at, axes = [0.1, 0.2, 0.3], 3 * handle["axes"]
+    point = shared.state.cuts.point
+    looking.ask("handle", ["plane", at, axes])
+    looking.heard(lambda m: LOOKING in str(m))
+    assert (looking.model["handles"], shared.state.cuts.point) == ([], point)
+    steering.ask("handle", ["plane", at, axes])
+    until(lambda: shared.state.cuts.point == tuple(at))
+
+
+def test_an_address_has_no_more_rights_than_its_token(shared):
+    """The path of who looks with the token that steers, and the other way around; then none."""
+    host = shared.address.partition("?")[0]
+    steers, looks = f"{host}?token={shared.token}", f"{host}look/?token={shared.look_token}"
+    for wrong in (
+        f"{host}look/?token={shared.token}",
+        f"{host}?token={shared.look_token}",
+        f"{host}?",
+        f"{host}look/?",
+    ):
+        with pytest.raises(InvalidStatus, match="403"):
+            link(wrong)
+    for address, role in ((steers, STEER), (looks, LOOK)):
+        with closing(link(address)) as one:
+            one.send(hello())
+            assert told(one, lambda m: m["role"])["role"] == role
+        until(lambda: not shared.clients)
 
 
 def test_a_browser_that_left_complains_to_nobody(shared, looking, caplog, capfd):
     number = next(n for n, c in shared.clients.items() if c.role == LOOK)
-    browser = shared.server.get_clients()[number]
+    browser = shared.page.desk.browsers[number]
     looking.close()
     until(lambda: len(shared.clients) == 1)
     shared.page.complain(browser, "too late")
@@ -138,8 +127,9 @@ def test_a_browser_that_left_complains_to_nobody(shared, looking, caplog, capfd)
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_an_action_in_progress_counts_after_a_new_connection(shared, both, monkeypatch):
-    """Of 20 connections of one page's script, one action at a time is done."""
+@pytest.mark.usefixtures("both")
+def test_an_action_in_progress_counts_after_a_new_connection(shared, monkeypatch):
+    """Of 20 connections in turn, no more actions at a time are done than there are places."""
     running, most, go = [], [], threading.Event()
 
     def slow(browser):
@@ -151,33 +141,15 @@ def test_an_action_in_progress_counts_after_a_new_connection(shared, both, monke
     save = next(p for p in shared.page.panels if type(p).__name__ == "Save")
     monkeypatch.setattr(save, "picture", slow)
     for _ in range(20):
-        with toolbar(shared, both[1], shared.token) as asks:
+        with closing(link(shared.address)) as asks:
+            asks.send(hello())
             asks.send(json.dumps({"do": "picture"}))
             until(lambda: running)
+            told(asks, lambda m: m["title"])
+        until(lambda: len(shared.clients) == 2)
     go.set()
     until(lambda: not running)
-    assert max(most) == 1
-
-
-def ask_for_ever(talk, action):
-    while True:
-        talk.send(json.dumps(action))
-        talk.recv(timeout=PATIENCE)
-
-
-def test_no_message_of_a_page_without_a_role_is_heard(shared):
-    """Each handler of the server, for a connection whose role is not known."""
-    server, called = shared.server._websock_server, []
-    kinds, asked = list(server._incoming_handlers), VISITOR.set(None)
-    try:
-        for kind in kinds:
-            assert server._incoming_handlers[kind], kind
-            server._incoming_handlers[kind] = [lambda *found: called.append(found)]
-            asyncio.run(server._handle_incoming_message(0, kind.__new__(kind)))
-    finally:
-        VISITOR.reset(asked)
-    assert len(kinds) > 3
-    assert not called
+    assert max(most) <= shared.most_clients
 
 
 def test_who_floods_waits_and_the_others_do_not(shared, both, caplog):
@@ -185,13 +157,12 @@ def test_who_floods_waits_and_the_others_do_not(shared, both, caplog):
     who steers is served in between."""
     looking, steering = both
     evil = "x\nglobule: ok\x1b[2J\x1b]0;t\x07"
-    with toolbar(shared, looking, shared.look_token) as flood, toolbar(shared, steering, shared.token) as asks:
-        for i in range(1300):
-            flood.send(json.dumps({"do": f"{evil}{i}"}))
-            if i == 1100:
-                asks.send(json.dumps({"do": "set", "value": {"cuts__plane": True}}))
-        until(lambda: shared.state.cuts.plane)
-        told(asks, lambda model: model["plane"])
+    for i in range(1300):
+        looking.ask(f"{evil}{i}")
+        if i == 1100:
+            steering.ask("set", {"cuts__plane": True})
+    until(lambda: shared.state.cuts.plane)
+    until(lambda: steering.model["plane"])
     looking.close()
     lines = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
     assert 0 < len(lines) < 40
@@ -263,18 +234,14 @@ class Gone:
     """A browser whose network broke: its connection stays open and answers nothing."""
 
     def __init__(self, viewer, role=""):
-        import viser
-
         self.socket = socket.create_connection(("127.0.0.1", viewer.port))
         token = viewer.look_token if role else viewer.token
         lines = (
-            f"GET {role}/?token={token} HTTP/1.1", "Host: localhost", "Upgrade: websocket",
+            f"GET {role}/globule/desk?token={token} HTTP/1.1", "Host: localhost", "Upgrade: websocket",
             "Connection: Upgrade", "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
-            f"Sec-WebSocket-Protocol: viser-v{viser.__version__}",
         )  # fmt: skip
         self.socket.sendall("\r\n".join([*lines, "", ""]).encode())
-        frame = Frame(Opcode.BINARY, msgspec.msgpack.encode(CAMERA)).serialize(mask=True)
-        self.socket.sendall(frame)
+        self.socket.sendall(Frame(Opcode.TEXT, hello().encode()).serialize(mask=True))
 
     def close(self):
         self.socket.close()
@@ -321,11 +288,12 @@ def test_values_that_would_end_every_connection_are_refused(shared, both):
         assert not other.closed
 
 
-def test_what_viser_warns_of_reaches_no_terminal(recwarn, looking, caplog):
+def test_cameras_that_are_none_write_few_lines(looking, caplog):
     for i in range(40):
-        looking.say(CAMERA | {"position": [f"\x1b[2J{i}"]})
+        looking.look(eye=[f"\x1b[2J{i}"])
+    looking.camera["eye"] = [0, 0, 4]
     from_the_top(looking)
-    assert not [str(w.message) for w in recwarn]
+    assert 0 < len(caplog.records) < 40
     assert not any("\x1b" in record.getMessage() for record in caplog.records)
 
 

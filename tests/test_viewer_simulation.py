@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from viewer_helpers import Watched, steps, until
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer.engine import Engine
 from globule.viewer.open import open_source
@@ -186,11 +186,13 @@ def test_suction_follows_its_handle(pool):
     page, source = pool.program(), pool.viewer.source
     sim, tool = source.simulation, source.simulation.tools["sucker"]
     page.set("Move sucker by hand")
-    (play,) = (panel for panel in pool.viewer.page.panels if hasattr(panel, "shared"))
-    until(lambda: play.shared["/instruments/sucker"].visible, "for the handle")
-    place, first = pool.viewer.placement, pool.still(page)
-    moved = {"wxyz": [1.0, 0.0, 0.0, 0.0], "position": [float(v) for v in place.to_page((0.2, 0.15, 0.08))]}
-    page.say({"type": "TransformControlsUpdateMessage", "name": "/instruments/sucker", "owner": "", **moved})
+    (handle,) = until(lambda: page.model["handles"], "for the handle")
+    assert (handle["label"], handle["turns"], np.shape(handle["axes"])) == ("sucker", True, (3, 3))
+    first = pool.still(page)
+    for axes in (np.ones((3, 3)), -np.eye(3)):
+        page.ask("handle", ["instrument sucker", [0.2, 0.15, 0.08], axes.tolist()])
+        page.heard("expected the axes of a rotation")
+    page.ask("handle", ["instrument sucker", [0.2, 0.15, 0.08], np.eye(3).tolist()])
     until(lambda: tool._wanted is not None, "for the handle to move")
     assert np.allclose(tool._wanted[:3, 3], (0.2, 0.15, 0.08), atol=1e-3)
     steps(source, 10)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from viewer_helpers import PATIENCE, Watched, blob, engine_of, silhouette, until
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer.open import open_source
 from globule.viewer.recording import Shot

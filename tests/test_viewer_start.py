@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from viewer_helpers import PATIENCE, talk, told, until
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer.open import open_source
 from globule.viewer.start import MOST_PART, Start, recent_files, remember

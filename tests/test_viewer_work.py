@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from viewer_helpers import engine_of, traced, until, view
 
-pytest.importorskip("viser")
+pytest.importorskip("websockets")
 
 from globule.viewer.equivalent import python_code
 from globule.viewer.first_view import left_out

@@ -26,7 +26,7 @@ WINDOW = {"width": 700, "height": 480}
 @contextmanager
 def browser() -> Iterator[Any]:
     """Headless Chromium; skips the test where there is none."""
-    pytest.importorskip("viser")
+    pytest.importorskip("websockets")
     sync_api = pytest.importorskip("playwright.sync_api")
     if CHROMIUM is None:
         pytest.skip("no chromium: apt-get install chromium")
@@ -117,7 +117,7 @@ class Watched:
 
     def program(self, address: str | None = None, answers: bool = True) -> Any:
         """A new page of a `Program`, which has its first sharp picture if it answers."""
-        from viewer_program import Program  # needs viser
+        from viewer_program import Program  # needs websockets
 
         program = self._arrives(lambda: Program(address or self.viewer.address, answers))
         if answers:
@@ -152,7 +152,7 @@ class Watched:
         return (
             client.room.top > 0
             and client.pacer.full == size
-            and np.allclose(client.camera.eye, fitted.eye, atol=0.02 * viewer.placement.extent)
+            and np.allclose(client.camera.eye, fitted.eye, atol=0.02 * viewer.extent)
         )
 
     def still(self, page: Any, changed: Callable[[np.ndarray], bool] = lambda picture: True) -> np.ndarray:

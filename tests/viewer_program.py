@@ -1,136 +1,112 @@
-"""A browser's connections to the viewer's page, by a program."""
+"""A browser's connection to the viewer, by a program."""
 
 import io
 import json
+import secrets
 import threading
 from contextlib import suppress
 from typing import Any
 
-import msgspec
 import numpy as np
-import viser
-import zstandard
 from PIL import Image
 from waiting import until
-from websockets.exceptions import ConnectionClosed, WebSocketException
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-CAMERA = {
-    "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "fov": 1.0,
-    "position": [0.0, 0.0, 3.0], "look_at": [0.0] * 3, "up_direction": [0.0, 1.0, 0.0], "near": 0.1,
-    "far": 9.0, "image_height": 90, "image_width": 120,
-}  # fmt: skip
-MOVES = {  # of the camera, by the server: its part, and the field
-    "SetCameraPositionMessage": ("position", "position"),
-    "SetCameraUpDirectionMessage": ("up_direction", "position"),
-    "SetCameraLookAtMessage": ("look_at", "look_at"),
-    "SetCameraFovMessage": ("fov", "fov"),
-}
+SIZE = (120, 90)
+
+
+def hello(size: Any = SIZE, tab: str = "", dark: bool = False) -> str:
+    """The first message of a page."""
+    return json.dumps({"do": "hello", "value": {"size": size, "tab": tab or secrets.token_hex(8), "dark": dark}})
+
+
+def link(address: str) -> Any:
+    """The connection of a page."""
+    begin, _, query = address.partition("?")
+    # without pings: on a busy machine an answer may take longer than it would wait
+    return connect(f"{begin.replace('http', 'ws', 1)}globule/desk?{query}", max_size=None, ping_interval=None)
 
 
 class Program:
-    """A browser's two connections, by a program: of viser's page, and of our script.
+    """A page, by a program.
 
     Args:
         address: of the page, as `viewer.address` says it.
         answers: say that an image has arrived, as a page does.
-        script: connect our script, too.
+        tab: its name for itself.
 
     Attributes:
         controls: what is known of each control, by labels.
         commands: names.
         images: JPEGs that have come.
         kept: all messages that have come.
-        desk: our script's connection, or None.
         files: that were downloaded, by name.
         camera: that it has; it follows the server's moves.
-        word: with which its script names itself; "" before it came.
+        model: the last one.
     """
 
-    def __init__(self, address: str, answers: bool = True, script: bool = True):
-        self.answers, self.script = answers, script
+    def __init__(self, address: str, answers: bool = True, tab: str = ""):
+        self.answers = answers
         self.controls: dict[str, dict] = {}
         self.commands: list[str] = []
-        self.desk: Any = None
-        self._address = address
-        self.camera = dict(CAMERA)
+        self.camera: dict[str, Any] = {}
         self.images: list[bytes] = []
         self.files: dict[str, bytes] = {}
-        self.word = ""
         self.kept: list[dict] = []
+        self.model: dict[str, Any] = {}
         self._messages: list[dict] = []
-        self._names: dict[str, str] = {}  # of files that come
-        self.connection = connect(
-            address.replace("http", "ws", 1),
-            subprotocols=[f"viser-v{viser.__version__}"],
-            max_size=None,
-            ping_interval=None,  # on a busy machine an answer may take longer than it would wait
-        )
+        self._moves = 0
+        self._file: list[Any] = []  # that comes: name, size, bytes
+        self.connection = link(address)
+        self.connection.send(hello(tab=tab))
         self.closed = ""  # why the connection has ended
         threading.Thread(target=self._read, daemon=True).start()
-        self.look()
 
     def _read(self) -> None:
         try:
             for data in self.connection:
-                packed = data[16 : 16 + int.from_bytes(data[8:16], "little")]  # as viser has it
-                window = zstandard.ZstdDecompressor().decompress(packed)
-                before = dict(self.camera)
-                for message in msgspec.msgpack.decode(window)["messages"]:
-                    self._take(message)
-                if self.camera != before:
-                    self.look()
+                if isinstance(data, bytes):
+                    self._came(data[:4], data[4:])
+                else:
+                    self._take(json.loads(data))
             self.closed = "the connection was closed"
         except ConnectionClosed as error:
             self.closed = str(error)
 
-    def _take(self, message: dict) -> None:
-        kind = message["type"]
-        if kind in MOVES:
-            self.camera[MOVES[kind][0]] = message[MOVES[kind][1]]
-        elif kind == "RunJavascriptMessage" and 'globuleWord="' in message["source"]:
-            self.word = message["source"].split('"')[1]
-            if self.script:
-                threading.Thread(target=self._talk, daemon=True).start()
-        elif kind == "FileTransferStartDownload":
-            self._names[message["transfer_uuid"]] = message["filename"]
-        elif kind == "FileTransferPart":
-            name = self._names[message["transfer_uuid"]]
-            self.files[name] = self.files.get(name, b"") + message["content"]
-        self._messages.append(message)
-        self.kept.append(message)
+    def _came(self, number: bytes, data: bytes) -> None:
+        if any(number):
+            self.images.append(data)
+            if self.answers:
+                with suppress(ConnectionClosed):
+                    self.connection.send(number)
+            return
+        self._file[2] += data
+        if len(self._file[2]) == self._file[1]:
+            self.files[self._file[0]] = self._file[2]
 
-    def _talk(self) -> None:
-        """What the page's script does."""
-        begin, _, query = self._address.partition("?")
-        path = f"{begin.replace('http', 'ws', 1)}globule/desk?word={self.word}&{query}"
-        with suppress(WebSocketException, OSError, EOFError):
-            self.desk = connect(path, max_size=None, ping_interval=None)
-            for data in self.desk:
-                if isinstance(data, bytes):
-                    self.images.append(data[4:])
-                    if self.answers:
-                        self.desk.send(data[:4])
-                    continue
-                message = json.loads(data)
-                for control in message.get("controls", ()):
-                    self.controls[control["label"] or control.get("content", "")] = control
-                self.commands = [name for name, *_ in message.get("commands", ())] or self.commands
-                self.kept.append({"type": "desk", **message})
-                self._messages.append({"type": "desk", **message})
+    def _take(self, message: dict) -> None:
+        if "camera" in message:
+            self.camera, self._moves = message["camera"], message["moves"]
+        elif "file" in message:
+            self._file = [message["file"]["name"], message["file"]["size"], b""]
+        elif "title" in message:
+            self.model = message
+        for control in message.get("controls", ()):
+            self.controls[control["label"] or control.get("content", "")] = control
+        self.commands = [name for name, *_ in message.get("commands", ())] or self.commands
+        self.kept.append(message)
+        self._messages.append(message)
 
     def ask(self, name: str, value: Any = None) -> None:
-        """Ask for an action, as our script does."""
-        until(lambda: self.desk, "for the script's connection").send(json.dumps({"do": name, "value": value}))
-
-    def say(self, *messages: dict) -> None:
-        for message in messages:
-            self.connection.send(msgspec.msgpack.encode(message))
+        """Ask for an action."""
+        self.connection.send(json.dumps({"do": name, "value": value}))
 
     def look(self, **changes: Any) -> None:
-        """Have another camera; changes: of `CAMERA`, page units and pixels."""
-        self.camera |= changes
-        self.say(self.camera)
+        """Have another camera; changes: eye, look_at, up, fov, height."""
+        until(lambda: self.camera, "for the first camera")
+        self.camera = self.camera | changes
+        self.ask("look", self.camera | {"moves": self._moves})
 
     def set(self, label: str, value: Any = True) -> None:
         """Use the control with a label; for a button, the value is True."""
@@ -164,5 +140,3 @@ class Program:
 
     def close(self) -> None:
         self.connection.close()
-        if self.desk is not None:
-            self.desk.close()

@@ -187,10 +187,10 @@ def remember(what: list[str]) -> None:
 
 def check_viewer() -> None:
     """Refuse to start without the viewer's packages; name the command that installs them."""
-    from ..viewer.app import need_viser
+    from ..viewer.app import need_websockets
 
     try:
-        need_viser()
+        need_websockets()
     except ImportError as error:
         raise UserError(str(error)) from error
 

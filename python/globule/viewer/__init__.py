@@ -64,11 +64,11 @@ def view(
         TypeError, ValueError, FormatError, OSError: the message names the data that the viewer
             cannot show.
     """
-    from .app import need_viser
+    from .app import need_websockets
     from .log import log
     from .open import open_source
 
-    need_viser()
+    need_websockets()
     source = open_source(what, device, threads, **reading)
     if compare is not None:
         from .compare_source import CompareSource

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import io
+import html
 import secrets
 import signal
 import socket
@@ -16,27 +16,24 @@ from typing import Any
 
 import numpy as np
 
-from .._base.checks import how_to_install, missing
+from .._base.checks import missing
 from .._base.terminal import escaped
 from ..render.camera import Camera
-from .desk import DeskSink
+from .desk import PATH, DeskSink
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
 from .export import notebook
 from .first_view import FIRST_SIZE, first_camera, for_window, left_out, outermost
-from .guard import LOCAL, LOOK_PATH, Guard, no_uploads, quiet_tasks, silent
+from .guard import LOCAL, LOOK_PATH, Guard
 from .log import log
 from .pacer import Plan
-from .placement import Placement
 from .recording import Shot
-from .roles import LOOK, MOST_CLIENTS, REFUSED, STEER, visitor
+from .roles import LOOK, MOST_CLIENTS, STEER
 from .room import Room
 from .source import Source
 from .state import GROUPS, State
-from .wakeups import wake_always
 
-PAGE_EYE = (3.0, 3.0, 3.0)  # of viser's page before it gets a camera, page units
-MOST_WINDOW = 7680  # pixels of a side of a browser's window
+GROWTH = 0.25  # of the scene's longest side; beyond it the cameras are fitted again
 ANSWERS = 5.0  # s in which a browser that is there answers
 AT_INTERRUPT = 1.0  # s that Ctrl-C waits for an image in progress
 
@@ -81,7 +78,7 @@ class Viewer:
         demand_token: bool = False,
         most_clients: int = MOST_CLIENTS,
     ):
-        viser = need_viser()
+        need_websockets()
         if most_clients < 1:
             raise ValueError(f"most_clients: expected 1 or more, got {most_clients}")
         self.source, self.state = source, state or State()
@@ -91,7 +88,7 @@ class Viewer:
         check_host(host)
         self.title = title or source.name
         with source.lock:
-            self.placement = Placement(*source.bounds())
+            self._box = source.bounds()
             scene = source.scene(self.state.snapshot())
             self.warnings = left_out(scene)
             around = source.outline()
@@ -104,7 +101,6 @@ class Viewer:
             self.token = token or secrets.token_urlsafe(24)
             self.look_token = secrets.token_urlsafe(24)
         self.most_clients = most_clients
-        self._guard = Guard(self.token, f"{self.title} · globule", self.look_token)
         self._frame_callbacks: list[Callable[[Any], Any]] = []
         self._closed = threading.Event()
         self._met = False  # a browser has connected
@@ -114,23 +110,18 @@ class Viewer:
         self.engine.on_picture = self._on_picture
         self.engine.on_error = self._on_error
         self.engine.on_step = self._keep_in_sight
-        with contextlib.redirect_stdout(io.StringIO()):
-            self.server = self._guard.server(host, port)
-        if not self._guard.started:
-            self.close()
-            raise RuntimeError(
-                f"viewer: viser {viser.__version__} opens its server in an unknown way. Install "
-                f"the version that globule needs: {how_to_install('view')}"
-            )
-        wake_always(self.server._websock_server.get_message_buffer())
-        quiet_tasks(self.server)
-        self.host, self.port = host, self.server.get_port()
         from .page import Page
+        from .server import Server, page_file
 
         self.page = Page(self)
-        self._guard.desk, self._guard.roles = self.page.desk, self.page.roles
-        self.server.on_client_connect(self._connected)
-        self.server.on_client_disconnect(self._disconnected)
+        name = html.escape(f"{self.title} · globule").encode()
+        shown, guard = page_file("viewer.html").replace(b"TITLE", name), Guard(self.token, self.look_token)
+        try:
+            self.server = Server(guard, shown, PATH, self.page.desk.serve, host, port)
+        except OSError:
+            self.close()
+            raise
+        self.host, self.port = host, self.server.port
 
     def __getattr__(self, name: str) -> Any:
         """The groups of settings: `viewer.surface.threshold = 0.5`."""
@@ -181,48 +172,34 @@ class Viewer:
 
     # Clients
 
-    async def _connected(self, browser: Any) -> None:
-        try:
-            await self._welcome(browser)
-        except Exception as error:  # viser would print a traceback
-            log.warning("%s", escaped(str(error) or type(error).__name__))
+    async def welcome(self, browser: Any, size: tuple[int, int], dark: bool, camera: Camera | None, tool: str) -> bool:
+        """Show the viewer to a browser, if there is a place for it.
 
-    async def _welcome(self, browser: Any) -> None:
-        who = visitor()
-        if self._is_full(who.role):
-            for number in await silent(self.server, list(self.clients), ANSWERS):
-                self._leave(number)
-        if self._is_full(who.role):
-            who.role = REFUSED
+        Args:
+            browser: `globule.viewer.desk.Browser`.
+            size: of its window, pixels.
+            dark: whether its page is.
+            camera, tool: that it had before a reload; None and "" for a new one.
+        """
+        if self._is_full(browser.role):
+            from .server import silent
+
+            known = {number: one.connection for number, one in self.page.desk.browsers.items()}
+            for number in await silent(known, ANSWERS):
+                self.left(self.page.desk.browsers[number])
+        if self._is_full(browser.role):
             words = f"This viewer serves at most {self.most_clients} browsers, and all places are taken."
-            self.page.desk.connected(browser)
-            self.page.desk.send(browser, {"full": f"{words} Reload this page when another one is closed."})
-            return
+            browser.box.append({"full": f"{words} Reload this page when another one is closed."})
+            return False
         if not self._met:  # what a person can undo begins here
             self._met = True
             self.state.history.clear()
-        no_uploads(browser)
-        wake_always(browser._websock_connection.get_message_buffer())
-        client = self.engine.add(DeskSink(self.page.desk, browser), self.first_camera)
-        client.role = who.role
+        client = self.engine.add(DeskSink(self.page.desk, browser), camera or self.first_camera, size)
+        client.role, client.dark, client.first = browser.role, dark, camera is None and not self._camera_given
         self.clients[browser.client_id] = client
-
-        first: dict[str, Any] = {} if self._camera_given else {"aspect": 1e-9}
-        client.first = first
-
-        async def moved(camera: Any) -> None:
-            try:
-                width, height = int(camera.image_width), int(camera.image_height)
-                size = min(width, MOST_WINDOW), min(height, MOST_WINDOW)
-                if first and min(size) > 0:
-                    self._fit_window(browser, first, size[0] / size[1])
-                client.look(self.camera_of(camera), size)
-            except (OverflowError, ValueError) as error:  # a value that the page never sends
-                self.page.complain(browser, str(error))
-
-        await moved(browser.camera)
-        browser.camera.on_update(moved)
-        self.page.connected(browser, client)
+        self.page.connected(browser, client, tool)
+        self.resize(browser, size)
+        return True
 
     def _is_full(self, role: str) -> bool:
         """Whether there is no place for one more; the last one is kept for a person who steers."""
@@ -230,26 +207,46 @@ class Viewer:
         kept = role == LOOK and not steered and self.most_clients > 1
         return len(self.clients) + kept >= self.most_clients
 
-    def _fit_window(self, browser: Any, first: dict[str, Any], aspect: float) -> None:
-        """Fit the first view to the shape of the window, unless the person has moved the camera.
+    def look(self, browser: Any, camera: Camera) -> None:
+        """A person has moved a browser's camera."""
+        client = self.clients[browser.client_id]
+        client.first = False
+        client.look(self._in_front(camera), client.pacer.full)
 
-        The panel takes its part of the window after the start, which changes the shape. Meanwhile
-        the browser may report its own first camera, or go back to the page's start camera.
-        """
-        eye, start = self.camera_of(browser.camera).eye, self.first_camera.eye
-        known = first.setdefault("eyes", [eye, self.placement.to_world(PAGE_EYE), start])
-        near = 1e-3 * self.placement.extent
-        if np.linalg.norm(np.subtract(known, eye), axis=1).min() > near:
-            first.clear()
-            return
-        to_start, to_last = (np.linalg.norm(np.subtract(eye, v)) for v in (start, known[-1]))
-        back = to_start <= near < to_last
-        if not back and abs(aspect / first["aspect"] - 1) <= 0.01:
-            return
-        camera = self._fitted(self.clients[browser.client_id], aspect)
-        # The next message of the browser may be older than this move.
-        first.update(aspect=aspect, eyes=[*known, camera.eye])
-        self.move(browser, camera)
+    def move(self, browser: Any, camera: Camera, first: bool = False) -> None:
+        """Move a browser's camera; first: it is still the first view, which follows the window."""
+        client, camera = self.clients[browser.client_id], self._in_front(camera)
+        client.first = first
+        self.page.desk.move(browser, camera)
+        client.look(camera, client.pacer.full)
+
+    def _in_front(self, camera: Camera) -> Camera:
+        """An orthographic camera with its eye in front of everything; another one as it is."""
+        if camera.height is None:
+            return camera
+        away = np.subtract(camera.eye, camera.look_at)
+        far = 1.5 * self.extent + float(np.linalg.norm(camera.look_at - self.middle))
+        eye = camera.look_at + away * (far / np.linalg.norm(away))
+        return Camera(eye, camera.look_at, camera.up, camera.fov, camera.height)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """The middle (3,) of the scene's box, world."""
+        return np.add(*self._box) / 2
+
+    @property
+    def extent(self) -> float:
+        """The longest side of the scene's box, world units."""
+        return float(np.max(np.subtract(self._box[1], self._box[0]))) or 1.0
+
+    def resize(self, browser: Any, size: tuple[int, int]) -> None:
+        """A browser's window has another size, pixels; its first view is fitted to it."""
+        client = self.clients[browser.client_id]
+        client.look(client.camera, size)
+        if client.first:
+            self.move(browser, self._fitted(client, size[0] / size[1]), first=True)
+        elif not browser.moves:
+            self.move(browser, client.camera)
 
     def _fitted(self, client: Client, aspect: float) -> Camera:
         """The first camera for a window with bars."""
@@ -265,10 +262,7 @@ class Viewer:
         room = Room(*(float(np.clip(np.nan_to_num(v), 0, 1)) for v in value))
         if room != client.room:
             client.room = room
-            if client.first:  # nobody has moved the camera
-                client.first["aspect"] = 1e-9
-                width, height = client.pacer.full
-                self._fit_window(browser, client.first, width / height)
+            self.resize(browser, client.pacer.full)
 
     def begin_plane(self, browser: Any) -> None:
         """Put a cutting plane that nobody has set yet where something of what is seen stays."""
@@ -281,28 +275,12 @@ class Viewer:
         assert self.on_open is not None  # as the page offers it
         self.on_open()
 
-    async def _disconnected(self, browser: Any) -> None:
-        client = self.clients.get(browser.client_id)
-        self._leave(browser.client_id)
-        self.page.disconnected(browser, client)
-
-    def _leave(self, number: int) -> None:
-        """Free the place of a browser."""
-        client = self.clients.pop(number, None)
+    def left(self, browser: Any) -> None:
+        """Free the place of a browser that has left."""
+        client = self.clients.pop(browser.client_id, None)
         if client is not None:
             threading.Thread(target=self.engine.remove, args=(client,), daemon=True).start()
-
-    def camera_of(self, camera: Any) -> Camera:
-        """The camera, world, of a browser's camera."""
-        return self.placement.camera(camera.position, camera.look_at, camera.up_direction, camera.fov)
-
-    def move(self, browser: Any, camera: Camera) -> None:
-        """Move a browser's camera; `camera`: world."""
-        position, look_at, fov = self.placement.of_page(camera)
-        with browser.atomic():
-            browser.camera.up_direction = camera.up
-            browser.camera.position, browser.camera.look_at = position, look_at
-            browser.camera.fov = fov
+            self.page.disconnected(browser, client)
 
     # The user's program
 
@@ -334,9 +312,9 @@ class Viewer:
             return
         with self.source.lock:
             lo, hi = self.source.bounds()
-        moved = self.placement.left_by(lo, hi)
+        moved = bool(np.max([self._box[0] - lo, hi - self._box[1]]) > GROWTH * self.extent)
         if moved:
-            self.placement.put(lo, hi)
+            self._box = lo, hi
         for panel in self.page.panels:
             panel.grew(moved)
 
@@ -454,10 +432,7 @@ class Viewer:
             self.page.desk.close()
         self.engine.close(seconds)
         if hasattr(self, "server"):
-            self._guard.end()
-            with contextlib.redirect_stdout(io.StringIO()):
-                self.server.stop()
-                self.server._thread_executor.shutdown(wait=False)
+            self.server.close()
 
     def __enter__(self) -> Viewer:
         return self
@@ -510,7 +485,7 @@ def first_interrupt() -> Iterator[list[int]]:
 
 
 def check_host(host: str) -> None:
-    """Raise ValueError for an address of another machine, where viser would wait forever."""
+    """Raise ValueError for an address of another machine, so that the message names it."""
     try:
         family, kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as tried:
@@ -519,10 +494,9 @@ def check_host(host: str) -> None:
         raise ValueError(f"host: expected an address of this machine, got {host!r}: {error.strerror}") from None
 
 
-def need_viser() -> Any:
-    """The module viser. Raises MissingPackageError."""
+def need_websockets() -> None:
+    """Raise MissingPackageError where the viewer's packages are not installed."""
     try:
-        import viser
+        import websockets  # noqa: F401
     except ImportError as error:
-        raise missing("viser", "view") from error
-    return viser
+        raise missing("websockets", "view") from error

@@ -1,10 +1,8 @@
-"""The talk with the script of our page, which shows images, all controls, and asks for actions.
+"""The talk with the page of each browser, which shows images, all controls, and asks for actions.
 
-viser's page is the host: its camera and the handles in the image are used. `Desk` adds a script
-(page/desk.js) to it, which hides all else of it. The script talks with `Desk` over a websocket of
-its own at the same port, behind the same guard. The server sends images as bytes, and as JSON a
-model of what to show, controls that have changed, notes and dialogs; the script sends the name of
-an action.
+The server sends images as bytes, and as JSON a model of what to show, controls that have changed,
+notes, dialogs and moves of the camera. The page sends its camera, its size, the numbers of images
+that have arrived, and names of actions.
 """
 
 from __future__ import annotations
@@ -13,35 +11,29 @@ import asyncio
 import contextlib
 import itertools
 import json
-import math
-import secrets
-import threading
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
 
+import numpy as np
+
+from ..render.camera import Camera
 from .desk_model import Model
+from .gui import is_like
 from .pacer import Plan
 from .plots import over_time
-from .roles import LOOKING, Visitor, may_ask, visitor
+from .roles import LOOKING, may_ask
 from .state import MOST_BYTES
 
 PATH = "/globule/desk"
-FILES = {
-    "/globule/desk.js": ("application/javascript", "desk.js"),
-    "/globule/inspector.js": ("application/javascript", "inspector.js"),
-    "/globule/upload.js": ("application/javascript", "upload.js"),
-    "/globule/desk.css": ("text/css; charset=utf-8", "desk.css"),
-}
-HEAD = b"".join([  # the first one runs before viser's
-    b'<link rel="stylesheet" href="globule/desk.css"><script src="globule/upload.js" data-viewer></script>',
-    b'<script defer src="globule/inspector.js"></script><script defer src="globule/desk.js"></script></head>',
-])  # fmt: skip
+HELLO = 10.0  # s in which a page says what it is
 TICK = 0.3  # s between two looks at what changes by itself
 MOST_ACTION = 4096  # bytes
+MOST_WAITING = 32  # actions of a browser; what comes then waits in the connection
 MOST_KEPT = 64  # tabs whose camera and tool wait for a reload
+PART = 256 * 1024  # bytes of a file at once
+MOST_WINDOW = 7680  # pixels of a side of a browser's window
 # Settings that the script may change; the controls change all others.
 SETTINGS = {
     "color__by",
@@ -84,208 +76,215 @@ class Note:
         self._say(gone=True)
 
 
+class Browser:
+    """The page of a person: its connection, and what it is sent.
+
+    Attributes:
+        client_id: counts the browsers of a viewer.
+        role: STEER or LOOK.
+        tab: its name for itself, which a reload does not change.
+        box: messages for it: dictionaries, and bytes.
+        images: on their way to it.
+        waiting: actions that it has asked for.
+        moves: of its camera by the server; what it says of its camera before the last is late.
+    """
+
+    def __init__(self, number: int, connection: Any):
+        self.client_id, self.connection, self.role = number, connection, connection.role
+        self.loop = asyncio.get_running_loop()
+        self.tab, self.moves = "", 0
+        self.box: deque[Any] = deque()
+        self.images: deque[bytes] = deque()
+        self.waiting: deque[tuple[Any, Any]] = deque()
+        self.changed, self.painted, self.asked, self.done = (asyncio.Event() for _ in range(4))
+
+    def wake(self, event: asyncio.Event) -> None:
+        """Set one of its events, from any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self.loop.call_soon_threadsafe(event.set)
+
+
 class Desk:
-    """The controls of all browsers.
+    """The pages of all browsers.
 
     Args:
         viewer: `globule.viewer.app.Viewer`.
+        gui: `globule.viewer.gui.Gui`.
+
+    Attributes:
+        browsers: by their numbers; those without a place are not among them.
     """
 
     def __init__(self, viewer: Any, gui: Any):
         self.viewer, self.gui = viewer, gui
         self.model = Model(viewer)
-        self._browsers: dict[str, Any] = {}  # by the word that a browser got from us
-        self._changed: dict[Any, asyncio.Event] = {}  # by connection
-        self._connections: dict[int, Any] = {}  # of the script of each browser, by its number
-        self._boxes: dict[int, list[dict]] = {}  # messages for a browser
-        self._pictures: dict[int, asyncio.Queue] = {}
-        self._busy: dict[int, asyncio.Lock] = {}  # while an action of a browser is done
-        self._tabs: dict[int, str] = {}  # the tab of a browser
-        self._kept: dict[str, tuple[Any, str]] = {}  # camera and tool of tabs that have left
-        self._numbers = itertools.count(1)
+        self.browsers: dict[int, Browser] = {}
+        self._kept: dict[str, tuple[Camera, str]] = {}  # camera and tool of tabs that have left
+        self._numbers, self._notes = itertools.count(), itertools.count(1)
         self._tellers = ThreadPoolExecutor(2, thread_name_prefix="globule desk")
         # An action for each browser at a time: nobody's actions wait for another one's.
         self._doers = ThreadPoolExecutor(viewer.most_clients, "globule action")
-        self._lock = threading.Lock()
         viewer.state.listen(lambda changed: self.refresh())
         gui.on_change = self.refresh
-
-    @property
-    def _loop(self) -> Any:
-        return self.viewer.server.get_event_loop()
-
-    def connected(self, browser: Any) -> None:
-        """Tell a new browser the word with which its script names itself."""
-        from viser import _messages
-
-        word = secrets.token_urlsafe(12)
-        self._browsers[word] = browser
-        self._boxes.setdefault(browser.client_id, [])
-        code = f'globalThis.globuleWord="{word}";globalThis.dispatchEvent(new Event("globule"));'
-        browser._websock_connection.queue_message(_messages.RunJavascriptMessage(code))
-
-    def disconnected(self, browser: Any, client: Any = None) -> None:
-        """Forget a browser that has left, and end the talk with its script."""
-        number = browser.client_id
-        hand = self.viewer.page.tools.hands.get(number)
-        tab = self._tabs.pop(number, None)
-        if tab and client is not None and hand is not None:
-            self._kept[tab] = client.camera, hand.tool
-            while len(self._kept) > MOST_KEPT:
-                del self._kept[next(iter(self._kept))]
-        self.model.series.pop(number, None)
-        for table in (self._busy, self._boxes, self._pictures, self.model.sections):
-            table.pop(number, None)
-        connection = self._connections.pop(number, None)
-        if connection is not None:
-            asyncio.run_coroutine_threadsafe(connection.close(1008, "the browser left"), self._loop)
-        for word in [word for word, known in self._browsers.items() if known is browser]:
-            del self._browsers[word]
 
     # To a browser; any thread may call these
 
     def refresh(self) -> None:
         """Send the model again where it has changed."""
-        for event in list(self._changed.values()):
-            with contextlib.suppress(RuntimeError):  # the loop has ended
-                self._loop.call_soon_threadsafe(event.set)
+        for browser in list(self.browsers.values()):
+            browser.wake(browser.changed)
 
-    def send(self, browser: Any, message: dict[str, Any]) -> None:
-        """Send a message, as soon as the browser's script is there."""
-        box = self._boxes.get(browser.client_id)
-        if box is not None:
-            box.append(message)
-            self.refresh()
+    def send(self, browser: Browser, *messages: Any) -> None:
+        """Send messages: dictionaries, or bytes of a file."""
+        browser.box.extend(messages)
+        browser.wake(browser.changed)
 
-    def note(self, browser: Any, title: str, body: str, **facts: Any) -> Note:
+    def note(self, browser: Browser, title: str, body: str, **facts: Any) -> Note:
         """Show a note. facts: loading, wrong, seconds (until it goes by itself)."""
-        return Note(self, browser, next(self._numbers), title=title, body=body, **facts)
+        return Note(self, browser, next(self._notes), title=title, body=body, **facts)
 
-    def dialog(self, browser: Any, title: str, text: str) -> None:
+    def dialog(self, browser: Browser, title: str, text: str) -> None:
         """Show Markdown until the person closes it."""
         self.send(browser, {"dialog": {"title": title, "text": text}})
 
-    def picture(self, browser: Any, number: int, data: bytes) -> None:
-        """Send an image."""
-        packed = number.to_bytes(4, "little") + data
+    def give(self, browser: Browser, name: str, data: bytes) -> None:
+        """Let a browser save a file."""
+        parts = (bytes(4) + data[i : i + PART] for i in range(0, len(data), PART))
+        self.send(browser, {"file": {"name": name, "size": len(data)}}, *parts)
 
-        def put() -> None:
-            self._pictures.setdefault(browser.client_id, asyncio.Queue()).put_nowait(packed)
+    def move(self, browser: Browser, camera: Camera) -> None:
+        """Move a browser's camera."""
+        browser.moves += 1
+        facts = {name: getattr(camera, name) for name in ("eye", "look_at", "up", "fov", "height")}
+        self.send(browser, {"camera": facts, "moves": browser.moves})
 
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            self._loop.call_soon_threadsafe(put)
-
-    # With its script
+    # With its page
 
     async def serve(self, connection: Any) -> None:
-        """Talk with the script of one browser until it leaves."""
+        """Talk with the page of one browser until it leaves."""
         from websockets.exceptions import ConnectionClosed
 
-        word = "".join(parse_qs(urlsplit(connection.request.path).query).get("word", []))
-        browser = self._browsers.get(word)
-        if browser is None:
-            await connection.close(1008, "unknown browser")
-            return
-        number = browser.client_id
-        before = self._connections.get(number)
-        self._connections[number] = connection
-        if before is not None:
-            await before.close(1008, "the same browser connected again")
-            client = self.viewer.clients.get(number)
-            if client is not None:  # what was on its way is lost
-                client.again()
-        event = self._changed[connection] = asyncio.Event()
-        works = self._tell(connection, browser, event), self._hear(connection, browser), self._show(connection, number)
-        talk = [asyncio.create_task(work) for work in works]
-        try:
-            await asyncio.wait(talk, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            del self._changed[connection]
-            if self._connections.get(number) is connection:
-                del self._connections[number]
-            for task in talk:
-                task.cancel()
-            for task in talk:
-                with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
-                    await task
+        browser, talk = Browser(next(self._numbers), connection), []
+        with contextlib.suppress(ConnectionClosed):
+            hello = json.loads(await asyncio.wait_for(connection.recv(), HELLO))["value"]
+            size, tab = size_of(hello["size"]), hello["tab"]
+            if not isinstance(tab, str) or not 8 <= len(tab) <= 64:
+                raise ValueError("page: expected the name of a tab")
+            if not await self.viewer.welcome(browser, size, bool(hello["dark"]), *self._kept.pop(tab, (None, ""))):
+                await connection.send(json.dumps(browser.box.pop()))
+                async for _ in connection:
+                    pass
+                return
+            browser.tab = tab
+            try:
+                works = self._tell(browser), self._show(browser), self._hear(browser), self._act(browser)
+                talk = [asyncio.create_task(work) for work in works]
+                done, _ = await asyncio.wait(talk, return_when=asyncio.FIRST_COMPLETED)
+                for task in done:
+                    task.result()
+            finally:
+                self.viewer.left(browser)
+                for task in talk:
+                    task.cancel()
+                await asyncio.gather(*talk, return_exceptions=True)
 
-    async def _tell(self, connection: Any, browser: Any, event: asyncio.Event) -> None:
+    def left(self, browser: Browser, client: Any) -> None:
+        """Forget a browser that has left."""
+        hand = self.viewer.page.tools.hands.get(browser.client_id)
+        if browser.tab and client is not None and hand is not None:
+            self._kept[browser.tab] = client.camera, hand.tool
+            while len(self._kept) > MOST_KEPT:
+                del self._kept[next(iter(self._kept))]
+        for table in (self.browsers, self.model.series, self.model.sections):
+            table.pop(browser.client_id, None)
+
+    async def _tell(self, browser: Browser) -> None:
         """Send the model and controls after each change; a slow browser gets the newest only."""
-        sent, stamp, loop = "", 0, asyncio.get_running_loop()
-        known: set[int] = set()
-        begun = False
+        sent, stamp, known, loop, connection = "", 0, set[int](), browser.loop, browser.connection
+        commands = [[name, command.key, command.private] for name, command in self.gui.commands.items()]
+        self.send(browser, {"commands": commands})
         while True:
-            event.clear()
-            if browser.client_id in self.viewer.clients:
-                model = await loop.run_in_executor(self._tellers, self.model.of, browser)
-                text = json.dumps(model)
-                if text != sent:
-                    await connection.send(text)
-                    sent = text
-                if not begun:
-                    await connection.send(json.dumps({"commands": self._commands()}))
-                    begun = True
-                newest, changed = self.gui.stamp, self.gui.since(stamp)
-                gone = known - set(self.gui.controls)
-                if changed or gone:
-                    shown = [control.shown() for control in changed]
-                    await connection.send(json.dumps({"controls": shown, "gone": sorted(gone)}))
-                    stamp, known = newest, set(self.gui.controls)
-            box = self._boxes.get(browser.client_id, [])
-            while box:
-                await connection.send(json.dumps(box.pop(0)))
-            with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(event.wait(), TICK)
+            browser.changed.clear()
+            text = json.dumps(await loop.run_in_executor(self._tellers, self.model.of, browser))
+            if text != sent:
+                await connection.send(text)
+                sent = text
+            newest, changed = self.gui.stamp, self.gui.since(stamp)
+            gone = known - set(self.gui.controls)
+            if changed or gone:
+                shown = [control.shown() for control in changed]
+                await connection.send(json.dumps({"controls": shown, "gone": sorted(gone)}))
+                stamp, known = newest, set(self.gui.controls)
+            until = loop.time() + TICK
+            while browser.box and loop.time() < until:
+                message = browser.box.popleft()
+                await connection.send(message if isinstance(message, bytes) else json.dumps(message))
+            if not browser.box:
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(browser.changed.wait(), TICK)
 
-    def _commands(self) -> list[list[Any]]:
-        return [[name, command.key, command.private] for name, command in self.gui.commands.items()]
-
-    async def _show(self, connection: Any, number: int) -> None:
+    async def _show(self, browser: Browser) -> None:
         """Send images in their order."""
-        queue = self._pictures.setdefault(number, asyncio.Queue())
         while True:
-            await connection.send(await queue.get())
+            browser.painted.clear()
+            while browser.images:
+                await browser.connection.send(browser.images.popleft())
+            await browser.painted.wait()
 
-    async def _hear(self, connection: Any, browser: Any) -> None:
-        """Do what the script asks for, one action after the other: what comes meanwhile waits in
-        the connection, which holds the sender up."""
-        loop, who = asyncio.get_running_loop(), visitor()
-        busy = self._busy.setdefault(browser.client_id, asyncio.Lock())
-        async for text in connection:
+    async def _hear(self, browser: Browser) -> None:
+        """Take what the page sends: arrived images, camera and size at once, actions for `_act`."""
+        client = self.viewer.clients[browser.client_id]
+        async for text in browser.connection:
             if isinstance(text, bytes) and len(text) == 4:  # an image has arrived
-                client = self.viewer.clients.get(browser.client_id)
-                if client is not None:
-                    client.acknowledge(int.from_bytes(text, "little"))
+                client.acknowledge(int.from_bytes(text, "little"))
                 continue
             if len(text) > (MOST_BYTES + MOST_ACTION if "load" in str(text[:16]) else MOST_ACTION):
-                await connection.close(1009, "too long")
+                await browser.connection.close(1009, "too long")
                 return
-            await busy.acquire()
-            done = loop.run_in_executor(self._doers, self._do, text, browser, who)
-            done.add_done_callback(lambda _: busy.release())
-            await asyncio.shield(done)  # which goes on where this connection ends
+            try:
+                asked = json.loads(text)
+                name, value = asked["do"], asked.get("value")
+            except Exception as error:  # of what no page sends
+                self.viewer.page.complain(browser, f"page: expected an action, got {type(error).__name__}")
+                continue
+            if name in ("look", "size"):
+                self._do(browser, name, value)
+                continue
+            if len(browser.waiting) >= MOST_WAITING:
+                browser.done.clear()
+                await browser.done.wait()
+            last = browser.waiting[-1] if browser.waiting else None
+            if name == "handle" and last and last[0] == name and same_handle(last[1], value):
+                browser.waiting.pop()  # the newest place counts
+            browser.waiting.append((name, value))
+            browser.asked.set()
 
-    def _do(self, text: str | bytes, browser: Any, who: Visitor) -> None:
-        """Do an action; who: what the connection that asks may do."""
-        page, client = self.viewer.page, self.viewer.clients.get(browser.client_id)
+    async def _act(self, browser: Browser) -> None:
+        """Do what the page asks for, one action after the other."""
+        while True:
+            browser.asked.clear()
+            while browser.waiting:
+                asked = browser.waiting.popleft()
+                browser.done.set()
+                await browser.loop.run_in_executor(self._doers, self._do, browser, *asked)
+            await browser.asked.wait()
+
+    def _do(self, browser: Browser, name: Any, value: Any) -> None:
+        """Do an action."""
+        client = self.viewer.clients.get(browser.client_id)
         if client is None:
-            return  # the browser has left, or has no place
+            return  # the browser has left
         try:
-            asked = json.loads(text)
-            name: Any = asked.get("do") if isinstance(asked, dict) else None
-            value = asked.get("value") if isinstance(asked, dict) else None
             action = self._actions().get(name) if isinstance(name, str) else None
             if action is None:
                 raise ValueError(f"page: expected the name of an action that this view has, got {str(name)[:40]}")
-            own = self._is_private(name, value)
-            if not (may_ask(who.role, name, own) and may_ask(client.role, name, own)):
-                self.gui.since(0)
+            if not may_ask(client.role, name, self._is_private(name, value)):
                 self._give_back(browser, name, value)
                 raise ValueError(LOOKING)
             action(browser, value)
         except Exception as error:
-            page.complain(browser, str(error) or type(error).__name__)
-        self.refresh()
+            self.viewer.page.complain(browser, str(error) or type(error).__name__)
+        browser.wake(browser.changed)
 
     def _is_private(self, name: str, value: Any) -> bool:
         """Whether a control or a command changes the browser's own view only."""
@@ -302,18 +301,21 @@ class Desk:
 
     def _actions(self) -> dict[str, Callable[[Any, Any], Any]]:
         """Functions of a browser and a value, by name."""
-        page, state, source = self.viewer.page, self.viewer.state, self.viewer.source
-        panels = {type(panel).__name__: panel for panel in page.panels}
-        play: Any = panels.get("Play")
+        page, viewer, source = self.viewer.page, self.viewer, self.viewer.source
+        panels: dict[str, Any] = {type(panel).__name__: panel for panel in page.panels}
+        play = panels["Play"]
         only_some = {"play": play.wanted(), "step": hasattr(source, "step"), "reset": hasattr(source, "reset"),
-                     "open": self.viewer.on_open is not None}  # fmt: skip
+                     "open": viewer.on_open is not None}  # fmt: skip
         hand = page.tools.hands
         actions = {
-            "set": lambda browser, value: self._set(browser, value),
-            "control": lambda browser, value: self._control(browser, value),
-            "command": lambda browser, value: self._command(browser, value),
+            "look": self._look,
+            "size": lambda browser, value: viewer.resize(browser, size_of(value)),
+            "handle": self._handle,
+            "set": self._set,
+            "control": self._control,
+            "command": self._command,
             "undo": lambda browser, value: page.undo(browser),
-            "redo": lambda browser, value: state.history.redo(),
+            "redo": lambda browser, value: viewer.state.history.redo(),
             "tool": lambda browser, value: hand[browser.client_id].use(value),
             "click": lambda browser, value: hand[browser.client_id].click(place_of(value)),
             "drag": lambda browser, value: hand[browser.client_id].drag(value),
@@ -327,14 +329,30 @@ class Desk:
             "step": lambda browser, value: source.step(),
             "reset": lambda browser, value: play.reset(),
             "time": lambda browser, value: self._go(value),
-            "series": lambda browser, value: self._watch(browser, value),
+            "series": self._watch,
             "section": lambda browser, value: self.model.sections.update({browser.client_id: str(value)[:40]}),
-            "room": lambda browser, value: self.viewer.give_room(browser, value),
-            "dark": lambda browser, value: self.viewer.clients[browser.client_id].darken(bool(value)),
-            "tab": lambda browser, value: self._come_back(browser, value),
-            "open": lambda browser, value: self.viewer.open_another(),
+            "room": lambda browser, value: viewer.give_room(browser, value),
+            "dark": lambda browser, value: viewer.clients[browser.client_id].darken(bool(value)),
+            "open": lambda browser, value: viewer.open_another(),
         }
         return {name: action for name, action in actions.items() if only_some.get(name, True)}
+
+    def _look(self, browser: Browser, value: Any) -> None:
+        """The camera that a person has moved."""
+        if not isinstance(value, dict):
+            raise ValueError(f"page: expected a camera, got {str(value)[:40]}")
+        camera = Camera(**{name: value[name] for name in ("eye", "look_at", "up", "fov", "height") if name in value})
+        if value.get("moves") == browser.moves:
+            self.viewer.look(browser, camera)
+
+    def _handle(self, browser: Browser, value: Any) -> None:
+        """A handle in the image that a person has moved: [its name, its place, its axes]."""
+        name, at, axes = value if isinstance(value, list) and len(value) == 3 else (None, None, None)
+        if not isinstance(name, str) or not is_like((0.0,) * 3, at) or not is_like(((0.0,) * 3,) * 3, axes):
+            raise ValueError("page: expected a handle, its place and its axes")
+        for panel in self.viewer.page.panels:
+            if name in (handle["name"] for handle in panel.handles(browser)):
+                panel.pulled(name, np.array(at, float), np.array(axes, float))
 
     def _control(self, browser: Any, value: Any) -> None:
         """What a person did with a control: [its number, its value]."""
@@ -384,19 +402,6 @@ class Desk:
             raise ValueError(f"plot: expected a quantity, got {str(value)[:40]}")
         self.model.series[browser.client_id] = value
 
-    def _come_back(self, browser: Any, value: Any) -> None:
-        """A browser tells the name of its tab, which a reload does not change: its camera and tool
-        come back."""
-        if not isinstance(value, str) or not 8 <= len(value) <= 64:
-            raise ValueError("page: expected the name of a tab")
-        self._tabs[browser.client_id] = value
-        camera, tool = self._kept.pop(value, (None, ""))
-        hand = self.viewer.page.tools.hands.get(browser.client_id)
-        if camera is not None:
-            self.viewer.move(browser, camera)
-        if hand is not None and tool in hand.choices:
-            hand.use(tool)
-
     def close(self) -> None:
         """End the threads."""
         for pool in (self._tellers, self._doers):
@@ -411,7 +416,8 @@ class DeskSink:
 
     def send(self, number: int, data: bytes, plan: Plan) -> None:
         """Send one JPEG."""
-        self.desk.picture(self.browser, number, data)
+        self.browser.images.append(number.to_bytes(4, "little") + data)
+        self.browser.wake(self.browser.painted)
 
     def error(self, message: str) -> None:
         """Show a message as a note."""
@@ -420,16 +426,20 @@ class DeskSink:
 
 def place_of(value: Any) -> tuple[float, float]:
     """A place in the image, (0, 0) to (1, 1). Raises ValueError."""
-    good = isinstance(value, list) and len(value) == 2 and all(type(v) in (int, float) for v in value)
-    if not good or not all(math.isfinite(v) for v in value):
+    if not is_like((0.0, 0.0), value):
         raise ValueError(f"page: expected a place in the image, got {str(value)[:40]}")
     x, y = (min(1.0, max(0.0, float(v))) for v in value)
     return x, y
 
 
-def file(path: str) -> tuple[str, bytes] | None:
-    """Content type and bytes of a file of the page, or None."""
-    found = FILES.get(path.partition("?")[0])
-    if found is None:
-        return None
-    return found[0], (Path(__file__).with_name("page") / found[1]).read_bytes()
+def size_of(value: Any) -> tuple[int, int]:
+    """Width and height of a window, pixels. Raises ValueError."""
+    if not is_like((0.0, 0.0), value):
+        raise ValueError(f"page: expected a width and a height, got {str(value)[:40]}")
+    width, height = (min(max(int(v), 1), MOST_WINDOW) for v in value)
+    return width, height
+
+
+def same_handle(one: Any, other: Any) -> bool:
+    """Whether two moves are of one handle."""
+    return isinstance(one, list) and isinstance(other, list) and one[:1] == other[:1]

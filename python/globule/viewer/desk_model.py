@@ -34,7 +34,7 @@ class Model:
         self._plot: dict[str, Any] | None = None
 
     def of(self, browser: Any) -> dict[str, Any]:
-        """The model for one browser (`viser.ClientHandle`)."""
+        """The model for one browser (`globule.viewer.desk.Browser`)."""
         page, state = self.viewer.page, self.viewer.state
         hand = page.tools.hands.get(browser.client_id)
         client = self.viewer.clients.get(browser.client_id)
@@ -54,6 +54,7 @@ class Model:
             "undo": undo + page.cut_is_newest,
             "redo": redo,
             "plane": state.cuts.plane,
+            "handles": [] if client is None else [one for panel in page.panels for one in panel.handles(browser)],
             "recording": saving.records(browser),
             "time": self._time(),
             "pull": self.pull(),

@@ -20,10 +20,10 @@ from ..render.frame import Frame
 from .compare_source import Split
 from .encode import jpeg
 from .log import Repeats
-from .overlay import Mark, box_of, finish, origin_seen
+from .overlay import Mark, finish
 from .pacer import Pacer, Plan, limited
 from .picture import in_the_dark, trace
-from .plots import along_line, marks_of, measured_line, outline_of_plane
+from .plots import along_line, drawn_over, measured_line, outline_of_plane
 from .roles import AT_ONCE, STEER, Allowance
 from .room import Room
 from .source import Source
@@ -51,7 +51,7 @@ class Client:
         self.engine, self.sink, self.camera = engine, sink, camera
         self.pacer = Pacer()
         self.room = Room()  # of its window that no bar covers
-        self.first: dict[str, Any] = {}  # of its first view, until somebody moves the camera
+        self.first = False  # its camera is still the first one, which follows the window
         self.since: float | None = None  # when the image began that is made now
         self.frame: Frame | Split | None = None  # the last traced; only the tracing thread changes it
         self.frame_version: Any = None
@@ -101,13 +101,6 @@ class Client:
         with self.engine.wake:
             self.dark = dark
             self.engine.interrupt(self)
-            self.engine.wake.notify_all()
-
-    def again(self) -> None:
-        """Images on their way are lost: count them as arrived, and make the next one."""
-        with self.engine.wake:
-            self.pacer.acknowledge(self.engine.clock(), self.number)
-            self.pacer.change(self.engine.clock())
             self.engine.wake.notify_all()
 
     def hand(self, job: tuple) -> None:
@@ -239,9 +232,10 @@ class Engine:
                 still[1].cancel()
             time.sleep(AGAIN)
 
-    def add(self, sink: Sink, camera: Camera) -> Client:
-        """A new client with a first camera."""
+    def add(self, sink: Sink, camera: Camera, size: tuple[int, int] | None = None) -> Client:
+        """A new client with a first camera; size: of its window, pixels."""
         client = Client(self, sink, camera)
+        client.pacer.full = size or client.pacer.full
         with self.wake:
             self.clients.append(client)
             self.wake.notify_all()
@@ -349,22 +343,10 @@ class Engine:
                 self._still = (client, core) if plan.still and core is not None else None
             try:
                 frame = self._traced(client, plan, what, state, camera)
-                plates = source.plates(state)
-                more = {
-                    "state": state,
-                    "camera": camera,
-                    "plates": plates,
-                    "flats": source.flats(state),
-                    "marks": client.marks
-                    + marks_of(source, state)
-                    + (outline_of_plane(state, *source.bounds()) if state.cuts.plane else []),
-                    "depth": frame.distance if plates or state.notes.box else None,
-                    "ends": source.maker.range,
-                    "kinds": source.maker.kinds,
-                    "origin": origin_seen(frame),
-                    "room": client.room,
-                    **box_of(frame, state),
-                }
+                marks = client.marks + (outline_of_plane(state, *source.bounds()) if state.cuts.plane else [])
+                more = {"state": state, "camera": camera, "room": client.room}
+                more |= drawn_over(source, frame, state, marks)
+                more["depth"] = frame.distance if more["plates"] or state.notes.box else None
                 picture = frame.picture
                 client.profile = self._profile(client, state)
             finally:

@@ -1,5 +1,4 @@
-"""Text as Markdown. viser runs what is written in braces and shows HTML, so names out of files must
-not mean anything."""
+"""Text as Markdown, in which names out of files must not mean anything."""
 
 from __future__ import annotations
 

@@ -1,17 +1,4 @@
-// Shows images, acknowledges each on arrival, moves the camera, and asks for what is at a click.
-
-const sub = (a, b) => a.map((v, i) => v - b[i]);
-const add = (a, b, s = 1) => a.map((v, i) => v + s * b[i]);
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const cross = (a, b) => [
-  a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0],
-];
-const unit = (a) => a.map((v) => v / Math.hypot(...a));
-
-function turned(v, axis, angle) {  // Rodrigues
-  const c = Math.cos(angle), s = Math.sin(angle);
-  return add(add(v.map((x) => x * c), cross(axis, v), s), axis, dot(axis, v) * (1 - c));
-}
+// Shows images, acknowledges each on arrival, and asks for what is at a click; page/camera.js stands before it.
 
 function render({ model, el }) {
   const image = document.createElement("img");
@@ -33,59 +20,28 @@ function render({ model, el }) {
   const value = document.createElement("span");
   value.role = "status";
   const home = structuredClone(model.get("view"));
-  bar.append(button("Fit", () => { Object.assign(view, structuredClone(home)); look(); }), cut, by, value);
+  bar.append(button("Fit", () => { Object.assign(camera.view, structuredClone(home)); look(); }), cut, by, value);
   image.style = `width:100%;height:${model.get("height")}px;object-fit:fill;` +
     "touch-action:none;cursor:grab;display:block;background:#eee";
   note.style = "color:#b00;font:13px sans-serif";
   el.append(bar, image, note);
-  const view = structuredClone(model.get("view"));
 
   const look = () => {
     const ratio = window.devicePixelRatio || 1;
     const size = [image.clientWidth * ratio, image.clientHeight * ratio].map(Math.round);
-    if (size[0] > 0 && size[1] > 0) model.send({ type: "camera", ...view, size });
+    if (size[0] > 0 && size[1] > 0) model.send({ type: "camera", ...camera.view, size });
   };
 
-  const rotate = (dx, dy) => {
-    const up = unit(view.up);
-    let away = turned(sub(view.eye, view.look_at), up, -dx * 0.008);
-    const right = unit(cross(up, away));
-    const tilted = turned(away, right, -dy * 0.008);
-    if (Math.abs(dot(unit(tilted), up)) < 0.999) away = tilted;
-    view.eye = add(view.look_at, away);
-  };
-  const move = (dx, dy) => {
-    const away = sub(view.eye, view.look_at);
-    const right = unit(cross(view.up, away)), up = unit(cross(away, right));
-    const step = 2 * Math.hypot(...away) * Math.tan((view.fov * Math.PI) / 360) / image.clientHeight;
-    for (const name of ["eye", "look_at"])
-      view[name] = add(add(view[name], right, -dx * step), up, dy * step);
-  };
-
-  let held = null, pressed = null;
-  image.addEventListener("pointerdown", (event) => {
-    pressed = event.button === 0 ? [event.clientX, event.clientY] : null;
-    held = event.button === 2 || event.shiftKey ? move : rotate;
-    image.setPointerCapture(event.pointerId);
-  });
-  image.addEventListener("pointermove", (event) => {
-    if (!held) return;
-    held(event.movementX, event.movementY);
-    look();
-  });
+  const camera = globuleCamera(look);
+  Object.assign(camera.view, structuredClone(home));
+  camera.attach(image);
+  let pressed = null;
+  image.addEventListener("pointerdown", (event) => { pressed = event.button === 0 ? [event.clientX, event.clientY] : null; });
   image.addEventListener("pointerup", (event) => {
-    held = null;
     if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 5) return;
     const box = image.getBoundingClientRect();
     model.send({ type: "click", place: [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height] });
   });
-  image.addEventListener("contextmenu", (event) => event.preventDefault());
-  image.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    const away = sub(view.eye, view.look_at), factor = Math.exp(event.deltaY * 0.001);
-    view.eye = add(view.look_at, away, factor);
-    look();
-  }, { passive: false });
 
   let address = null;
   const heard = async (message, buffers) => {

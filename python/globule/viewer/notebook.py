@@ -62,7 +62,7 @@ def widget(
     import traitlets
 
     class GlobuleWidget(base):
-        _esm = Path(__file__).with_name("notebook.js")
+        _esm = script()
         height = traitlets.Int(480).tag(sync=True)
         view = traitlets.Dict().tag(sync=True)
         names: Any = traitlets.List().tag(sync=True)
@@ -100,6 +100,12 @@ def widget(
     made.client.pacer.full = (0, 0)
     made.on_msg(lambda _, content, buffers: _heard(made, content))
     return made
+
+
+def script() -> str:
+    """The JavaScript of the cell."""
+    here = Path(__file__).parent
+    return "".join(path.read_text("utf-8") for path in (here / "page/camera.js", here / "notebook.js"))
 
 
 class _Sink:

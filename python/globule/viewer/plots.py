@@ -10,7 +10,7 @@ from .._base.arrays import box_corners, to_host
 from ..data.attributes import attribute_values
 from ..scene.mesh import Mesh
 from .forces import by_name
-from .overlay import AMBER, STEEL, Mark
+from .overlay import AMBER, STEEL, Mark, box_of, origin_seen
 from .state import State
 
 N_ALONG = 160  # points along a line
@@ -39,6 +39,19 @@ def line_mark(line: np.ndarray, unit: str = "") -> Mark:
     """A measured line (2, 3) with its length; unit: of lengths, with a blank before it."""
     length = float(np.linalg.norm(line[1] - line[0]))
     return Mark(tuple(map(tuple, line.tolist())), f"{length:.4g}{unit}", AMBER)
+
+
+def drawn_over(source: Any, frame: Any, state: State, marks: list[Mark]) -> dict[str, Any]:
+    """What `finish` draws over a frame, but for depth and room. The caller holds the source's lock."""
+    return {
+        "marks": marks + marks_of(source, state),
+        "plates": source.plates(state),
+        "flats": source.flats(state),
+        "ends": source.maker.range,
+        "kinds": source.maker.kinds,
+        "origin": origin_seen(frame),
+        **box_of(frame, state),
+    }
 
 
 def marks_of(source: Any, state: State) -> list[Mark]:

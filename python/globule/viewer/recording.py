@@ -23,9 +23,9 @@ from ..render.camera import Camera
 from ..render.camera_path import orbit
 from ..render.frame import save_png
 from .engine import Engine
-from .overlay import Mark, box_of, finish, origin_seen
+from .overlay import Mark, finish
 from .picture import in_the_dark, trace
-from .plots import marks_of
+from .plots import drawn_over
 
 MOST_SIDE = 16384
 MOST_SECONDS = 3600.0  # of a recording
@@ -96,19 +96,16 @@ class Shot:
         with lock:
             frame = trace(source, state, camera, self._size, engine.up)
             before = state.version, source.version
-            plates, flats = source.plates(state), source.flats(state)
-            ends, kinds = source.maker.range, source.maker.kinds
-            marks = self._marks + marks_of(source, state)
-            box = {"origin": origin_seen(frame), **box_of(frame, state)}
+            over = drawn_over(source, frame, state, self._marks)
         while frame.samples < self._samples:
             self._progress(frame.samples / self._samples)
             with lock:
                 if (engine.state.version, source.version) != before:
                     return False
                 frame.refine()
-        depth = frame.distance if plates or state.notes.box else None
+        depth = frame.distance if over["plates"] or state.notes.box else None
         self.frame = frame
-        self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends, kinds=kinds, flats=flats, **box)
+        self.picture = finish(frame.picture, state, camera, depth=depth, **over)
         return True
 
     def save(self, path: str | os.PathLike[str]) -> None:

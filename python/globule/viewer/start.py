@@ -23,7 +23,7 @@ from typing import Any
 from .._base.files import atomic_write
 from ..sim.scene_read import SHIPPED
 from .compare_source import CompareSource
-from .guard import LOCAL, Guard, answer
+from .guard import LOCAL, Guard
 from .source import Source
 
 PATH = "/globule/start"
@@ -35,53 +35,11 @@ MOST_RECENT = 8
 MOST_FILES = 1000  # of a sequence
 # Formats whose files never name another file.
 ENDINGS = (
-    ".vtk",
-    ".vtp",
-    ".vtu",
-    ".bgeo",
-    ".bgeo.gz",
-    ".ply",
-    ".xyz",
-    ".csv",
-    ".txt",
-    ".dat",
-    ".npz",
-    ".npy",
-    ".tsv",
-    ".parquet",
-    ".arrow",
-    ".feather",
-    ".pts",
-    ".tec",
-    ".plt",
-    ".mat",
-    ".gsd",
-    ".dump",
-    ".lammpstrj",
-    ".lmp",
-    ".lammps",
-    ".extxyz",
-    ".bi4",
-    ".pcd",
-    ".las",
-    ".laz",
-    ".pdb",
-    ".ent",
-    ".gro",
-    ".tipsy",
-    ".gadget",
-    ".gadget2",
-    ".obj",
-    ".stl",
-    ".glb",
-    ".nii",
-    ".nii.gz",
-    ".nrrd",
-    ".mha",
-    ".vti",
-    ".igs.mha",
-    ".igs.nrrd",
-)
+    ".vtk", ".vtp", ".vtu", ".bgeo", ".bgeo.gz", ".ply", ".xyz", ".csv", ".txt", ".dat", ".npz", ".npy", ".tsv",
+    ".parquet", ".arrow", ".feather", ".pts", ".tec", ".plt", ".mat", ".gsd", ".dump", ".lammpstrj", ".lmp",
+    ".lammps", ".extxyz", ".bi4", ".pcd", ".las", ".laz", ".pdb", ".ent", ".gro", ".tipsy", ".gadget",
+    ".gadget2", ".obj", ".stl", ".glb", ".nii", ".nii.gz", ".nrrd", ".mha", ".vti", ".igs.mha", ".igs.nrrd",
+)  # fmt: skip
 SCENES = {
     SPLASH: "Water that falls back from a wall: 29,160 particles",
     "dam-break": "A column of water collapses in a box",
@@ -123,19 +81,13 @@ class Start:
         tokens = host not in LOCAL or demand_token
         self.token = (token or secrets.token_urlsafe(24)) if tokens else None
         self.source: Source | None = None
-        self.port = 0
         self._recent = recent_files()
         self._folder = tempfile.mkdtemp(prefix="globule-")
-        self._chosen, self._ready = threading.Event(), threading.Event()
-        self._error: OSError | None = None
-        self._asked_port = port
-        self._stop: Any = None
-        self._busy = threading.Lock()
-        self._thread = threading.Thread(target=self._run, name="globule start", daemon=True)
-        self._thread.start()
-        self._ready.wait()
-        if self._error is not None:
-            raise self._error
+        self._chosen, self._busy = threading.Event(), threading.Lock()
+        from .server import Server, page_file
+
+        self._server = Server(Guard(self.token), page_file("start.html"), PATH, self._talk, host, port)
+        self.port = self._server.port
 
     def address(self, name: str = "127.0.0.1") -> str:
         """The address to open in a browser."""
@@ -145,42 +97,14 @@ class Start:
         """Wait until a person has chosen; returns what was opened and frees the port."""
         while not self._chosen.wait(0.2):
             pass
-        self._end()
+        self._server.close()
         assert self.source is not None
         return self.source
 
     def close(self) -> None:
         """End the server and remove uploads."""
-        self._end()
+        self._server.close()
         shutil.rmtree(self._folder, ignore_errors=True)
-
-    def _end(self) -> None:
-        loop, stop = self._stop
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(stop.set)
-        self._thread.join(10)
-
-    def _run(self) -> None:
-        asyncio.run(self._serve())
-
-    async def _serve(self) -> None:
-        guard = Guard(self.token)
-        stop = asyncio.Event()
-        self._stop = asyncio.get_running_loop(), stop
-        tries = range(self._asked_port, self._asked_port + (1000 if self._asked_port else 1))
-        for port in tries:
-            try:
-                async with guard.serve(self._talk, self.host, port, process_request=_page, compression=None) as server:
-                    self.port = server.sockets[0].getsockname()[1]
-                    self._ready.set()
-                    await stop.wait()
-                    guard.end()
-                return
-            except OSError as error:
-                self._error = error
-            if self.port:
-                return
-        self._ready.set()
 
     async def _talk(self, connection: Any) -> None:
         """Tell a browser what there is, and do what it asks for."""
@@ -293,17 +217,6 @@ def _check_head(name: str, head: bytes) -> None:
     element = re.search(rb"^\s*elementdatafile\s*=\s*(\S+)", words, re.M)
     if detached or (element and element[1] != b"local"):
         raise ValueError(f"{name}: expected a file with its own data, got the name of another file")
-
-
-def _page(connection: Any, request: Any) -> Any:
-    """The page for a request, None for its websocket."""
-    path = request.path.partition("?")[0]
-    if path == PATH:
-        return None
-    if path != "/":
-        return connection.respond(404, "not found\n")
-    body = Path(__file__).with_name("page").joinpath("start.html").read_bytes()
-    return answer("text/html; charset=utf-8", body)
 
 
 # Recent files

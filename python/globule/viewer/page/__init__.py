@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
+from collections.abc import Iterator
 from typing import Any
 
 from ..._base.terminal import escaped
 from ..desk import Desk
 from ..gui import Gui
 from ..log import log
-from ..roles import Roles
+from ..roles import AT_ONCE, LOOK
 from . import color, cuts, help, look, notes, play, save, statistics, surface, tools, volume, widgets
 from . import view as view_panel
 
@@ -28,11 +30,6 @@ class Page:
 
     def __init__(self, viewer: Any):
         self.viewer = viewer
-        self.server = server = viewer.server
-        self.roles = Roles(viewer)
-        server.scene.set_up_direction(viewer.up)
-        server.scene.world_axes.visible = False
-        self._first_camera()
         self.gui = Gui()
         self.binder = widgets.Binder(self.gui, viewer.state, self.complain, viewer.source.unit)
         self.tools = tools.Tools(self)
@@ -44,8 +41,7 @@ class Page:
             cuts.CutPanel(self),
             view_panel.View(self),
             look.LookPanel(self),
-            notes.NotesPanel(self),
-            surface.QualityPanel(self),
+            notes.ImagePanel(self),
             save.Save(self),
             statistics.Statistics(self),
             help.Help(self),
@@ -62,23 +58,36 @@ class Page:
             for panel in self.panels:
                 panel.tick()
 
-    def _first_camera(self) -> None:
-        camera, first = self.viewer.first_camera, self.server.initial_camera
-        first.position, first.look_at, first.fov = self.viewer.placement.of_page(camera)
-        first.up = camera.up
-
-    def connected(self, browser: Any, client: Any) -> None:
-        """Show the page to a new browser."""
+    def connected(self, browser: Any, client: Any, tool: str = "") -> None:
+        """Show the page to a new browser; tool: that it had before a reload."""
         self.tools.connected(browser, client)
-        self.desk.connected(browser)
+        hand = self.tools.hands[browser.client_id]
+        if tool in hand.choices:
+            hand.use(tool)
+        self.desk.browsers[browser.client_id] = browser
         for line in self.viewer.warnings:
             self.desk.note(browser, "Not shown", line)
-        for panel in self.panels:
-            panel.connected(browser, client)
 
-    def disconnected(self, browser: Any, client: Any = None) -> None:
+    @contextlib.contextmanager
+    def turn(self, browser: Any) -> Iterator[None]:
+        """An action of a browser (None: the program's).
+
+        Raises ValueError if a browser that looks does `AT_ONCE` others already.
+        """
+        client = None if browser is None else self.viewer.clients.get(browser.client_id)
+        if client is None or client.role != LOOK:
+            yield
+            return
+        if not client.turns.acquire(blocking=False):
+            raise ValueError(f"page: {AT_ONCE} actions are in progress; wait until one has ended")
+        try:
+            yield
+        finally:
+            client.turns.release()
+
+    def disconnected(self, browser: Any, client: Any) -> None:
         """Forget a browser that has left."""
-        self.desk.disconnected(browser, client)
+        self.desk.left(browser, client)
         self.tools.disconnected(browser)
         for panel in self.panels:
             panel.disconnected(browser)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..roles import STEER
-from .cut_handles import CutHandles
-from .panel import Panel
+from .panel import Panel, handle
+from .tools import DRAGGED
 
 FACES = "Set the plane across an axis or the view, or turn it around"
 
@@ -20,8 +20,7 @@ class CutPanel(Panel):
 
     def build(self) -> None:
         """Make the widgets."""
-        self.handles: dict[int, CutHandles] = {}  # by browser
-        extent = self.viewer.placement.extent
+        extent = self.viewer.extent
         self.fresh = self.state.cuts == type(self.state.cuts)()  # no file was loaded, no plane was set
         if self.fresh:
             self._begin()
@@ -68,7 +67,7 @@ class CutPanel(Panel):
             lo, hi = self.viewer.source.bounds()
         if around is not None:  # of a simulation: what is seen, not the whole domain
             lo, hi = around.min(axis=0), around.max(axis=0)
-        extent = self.viewer.placement.extent
+        extent = self.viewer.extent
         middle = tuple(((lo + hi) / 2).tolist())
         near, far = (lo + hi) / 2, hi + 0.05 * extent
         self.state.set(
@@ -83,11 +82,10 @@ class CutPanel(Panel):
         """Fit radius and handles to the new extent."""
         if not moved:
             return
-        extent, cuts = self.viewer.placement.extent, self.state.cuts
+        extent, cuts = self.viewer.extent, self.state.cuts
         self.radius.min, self.radius.max, self.radius.step = extent / 100, extent, extent / 200
         if not (cuts.plane or cuts.box or cuts.sphere):
             self._begin()
-        self._follow({"cuts."})
 
     def _face(self, event: Any) -> None:
         name, cuts = event.target.value, self.state.cuts
@@ -95,31 +93,30 @@ class CutPanel(Panel):
         if name == "flip":
             normal = tuple(-v for v in cuts.normal)
         elif name == "view":
-            camera = self.viewer.camera_of(event.client.camera)
+            camera = self.viewer.clients[event.client_id].camera
             away = np.subtract(camera.eye, camera.look_at)
             normal = tuple((away / np.linalg.norm(away)).tolist())
         else:
             normal = tuple(float(axis == name) for axis in "xyz")
         self.state.set(cuts__normal=normal, cuts__plane=True)
 
-    # Handles: each browser that steers has its own
+    def handles(self, browser: Any) -> list[dict[str, Any]]:
+        """The handles of the cuts that are on, for a browser that steers. A tool that draws in the
+        image has none: a stroke that begins on a handle would move the cut instead."""
+        hand, cuts = self.page.tools.hands.get(browser.client_id), self.state.cuts
+        if hand is None or hand.client.role != STEER or hand.tool in DRAGGED:
+            return []
+        normal = np.divide(cuts.normal, np.linalg.norm(cuts.normal) or 1)
+        return [
+            *([handle("plane", "Cutting plane", cuts.point, [normal])] if cuts.plane else []),
+            *([handle("lo", "Low corner of the box", cuts.lo, np.eye(3))] if cuts.box else []),
+            *([handle("hi", "High corner of the box", cuts.hi, np.eye(3))] if cuts.box else []),
+            *([handle("center", "Middle of the sphere", cuts.center, np.eye(3))] if cuts.sphere else []),
+        ]
 
-    def connected(self, browser: Any, client: Any) -> None:
-        """Add the handles of a browser."""
-        if client.role == STEER:
-            self.handles[browser.client_id] = CutHandles(self, browser)
-
-    def disconnected(self, browser: Any) -> None:
-        """Forget the handles of a browser that has left."""
-        self.handles.pop(browser.client_id, None)
-
-    def took(self, browser: Any) -> None:
-        """Show or hide the handles of a browser that has taken another tool."""
-        if browser.client_id in self.handles:
-            self.handles[browser.client_id].follow()
+    def pulled(self, name: str, at: Any, axes: Any) -> None:
+        """Move a cut."""
+        self.state.set(**{f"cuts__{'point' if name == 'plane' else name}": tuple(at.tolist())})
 
     def _follow(self, changed: set[str]) -> None:
-        if any(name.startswith("cuts.") for name in changed):
-            self.fresh &= "cuts.normal" not in changed and "cuts.point" not in changed
-            for handles in list(self.handles.values()):
-                handles.follow()
+        self.fresh &= "cuts.normal" not in changed and "cuts.point" not in changed

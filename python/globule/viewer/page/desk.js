@@ -27,7 +27,7 @@
   const kept = (name, usual) => { try { return localStorage.getItem("globule-" + name) ?? usual; } catch { return usual; } };
   const keep = (name, value) => { try { localStorage.setItem("globule-" + name, value); } catch { /* private window */ } };
   const tab = (() => { try { return (sessionStorage["globule-tab"] ??= crypto.getRandomValues(new Uint32Array(4)).join("-").slice(0, 64)); } catch { return "no-storage"; } })();
-  let socket, model, wait = 500, sent = 0, lost = true, full = "", commands = [];
+  let socket, model, wait = 500, sent = 0, lost = true, moves = -1, full = "", commands = [];
   const say = (name, value) => { if (socket?.readyState === 1) socket.send(JSON.stringify({ do: name, value })); };
   const set = (values) => say("set", values);
   const icon = (name) => {
@@ -42,6 +42,10 @@
 
   // What stands where
   const image = make("canvas", { id: "globule-image", role: "img", "aria-label": "Image of the scene" });
+  // The camera is the page's; the server moves it, too, and counts its moves.
+  let due = 0;
+  const looked = () => { handles.draw(); due ||= requestAnimationFrame(() => { due = 0; say("look", { ...camera.view, moves }); }); };
+  const camera = globuleCamera(looked), handles = globule.handles(camera, say);
   const desk = make("div", { id: "globule-desk", role: "region", "aria-label": "Tools, layers, inspector and time", hidden: "" });
   const tools = make("div", { class: "bar tools", role: "toolbar", "aria-label": "Tools" });
   const layers = make("section", { class: "bar layers", "aria-label": "Layers" });
@@ -233,42 +237,50 @@
   // The image: each new one takes the place of the last without a copy; the browser's compositor scales those that
   // are smaller than the window, which is filtered. At rest, a pixel of the image is one of the screen.
   const pen = image.getContext("bitmaprenderer");
+  let download = null;  // a file that comes in parts, which have no number
   const paint = async (bytes) => {
     const number = bytes.slice(0, 4);
     try {
       pen.transferFromImageBitmap(await createImageBitmap(new Blob([bytes.slice(4)], { type: "image/jpeg" })));
     } finally { if (socket?.readyState === 1) socket.send(number); }
   };
+  const keepPart = (part) => {
+    download.parts.push(part); download.left -= part.byteLength;
+    if (download.left > 0) return;
+    const link = make("a", { href: URL.createObjectURL(new Blob(download.parts)), download: download.name });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+  };
   let drawn = Promise.resolve();  // images in their order
 
-  // Clicks and strokes in the image; all else moves viser's camera and handles
+  // Clicks and strokes in the image; other drags move the camera
   const DRAWS = ["Cut", "Grasp", "Suction"];
-  const isImage = (e) => e.target instanceof HTMLCanvasElement && e.target.closest("#root");
   const spot = (e) => [e.clientX / innerWidth, e.clientY / innerHeight];
-  let press = null, stroke = null, moved = null, corner;
-  addEventListener("pointerdown", (e) => {
-    if (!model || e.button !== 0 || !isImage(e)) { press = null; return; }
-    if (press && e.pointerType === "touch") { press = null; return; }  // a second finger
+  let press = null, stroke = null, moved = null;
+  camera.attach(image, () => !DRAWS.includes(model?.tool));
+  image.addEventListener("pointerdown", (e) => {
+    document.activeElement?.blur?.();
+    if (!model || e.button !== 0 || (press && e.pointerType === "touch")) { press = null; return; }  // a second finger
     press = { x: e.clientX, y: e.clientY, at: Date.now(), id: e.pointerId };
     if (!DRAWS.includes(model.tool)) return;
-    e.stopPropagation(); e.preventDefault();
+    image.setPointerCapture(e.pointerId);
     stroke = spot(e); say("drag", ["start", stroke, stroke]);
-    corner = { left: 0, top: 0 }; follow(e); feel(model.pull);
-  }, true);
-  addEventListener("pointermove", (e) => {
+    follow(e); feel(model.pull);
+  });
+  image.addEventListener("pointermove", (e) => {
     if (!stroke) return;
-    e.stopPropagation(); follow(e);
+    follow(e);
     if (!moved) requestAnimationFrame(() => { if (stroke && moved) say("drag", ["move", stroke, moved]); moved = null; });
     moved = spot(e);
-  }, true);
+  });
   const ended = (e) => {
-    if (stroke) { e.stopPropagation(); say("drag", ["end", stroke, spot(e)]); stroke = moved = null; feel(""); }
+    if (stroke) { say("drag", ["end", stroke, spot(e)]); stroke = moved = null; feel(""); }
     else if (press && press.id === e.pointerId && e.type === "pointerup" && Date.now() - press.at < 800 && Math.hypot(e.clientX - press.x, e.clientY - press.y) < (e.pointerType === "touch" ? 12 : 5)) {
       say("click", spot(e)); asked = true;
     }
     press = null;
   };
-  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, ended, true);
+  for (const end of ["pointerup", "pointercancel"]) image.addEventListener(end, ended);
   let asked = false;  // a click whose answer has not come
   // A button that the mouse has pressed does not take the space bar.
   addEventListener("click", (e) => { if (e.detail && e.target.closest?.("#globule-desk button")) document.activeElement?.blur(); });
@@ -295,17 +307,16 @@
     const here = document.activeElement, field = here?.matches?.("input:not([type=range], [type=checkbox]), textarea");
     if (document.querySelector("dialog[open]")) return;
     if (e.key === "Escape") { here?.blur?.(); if (model?.tools) say("tool", model.tools[0]); return; }
-    if (keyOf(e) === "Ctrl+K") { e.preventDefault(); e.stopImmediatePropagation(); palette(); return; }
-    if (field) { e.stopPropagation(); return; }
-    const inDesk = here?.closest?.("#globule-desk");
-    if (inDesk && /^(Arrow|Home|End|Page|Enter|Tab)/.test(e.key)) { if (e.key !== "Tab") stopAfter(e); return; }
-    if (inDesk && e.key === " " && here.matches("button, input, select, [tabindex]") && here.matches(":focus-visible")) return;
+    if (keyOf(e) === "Ctrl+K") { e.preventDefault(); palette(); return; }
+    if (field) return;
+    const ours = here?.closest?.("#globule-desk, #globule-handles");
+    if (ours && /^(Arrow|Home|End|Page|Enter|Tab)/.test(e.key)) return;
+    if (ours && e.key === " " && here.matches("button, input, select, [tabindex]") && here.matches(":focus-visible")) return;
     if (e.altKey || e.repeat) return;
     const found = commands.find(([, key]) => key === keyOf(e));
-    if (found) { e.preventDefault(); e.stopPropagation(); say("command", found[0]); if (found[0].startsWith("Cutting plane") && !model.plane) inspector.choose("Cut"); }
+    if (found) { e.preventDefault(); say("command", found[0]); if (found[0].startsWith("Cutting plane") && !model.plane) inspector.choose("Cut"); }
+    else if (!here?.matches?.("select") && camera.key(e)) e.preventDefault();
   }, true);
-  // Keys that a control uses must not move the camera, too.
-  const stopAfter = (e) => { const stop = (later) => { if (later === e) later.stopPropagation(); }; desk.addEventListener("keydown", stop, { once: true }); };
 
   // Dialogs, one at a time; Escape closes them
   const dialog = make("dialog", { "aria-labelledby": "globule-title" });
@@ -369,11 +380,7 @@
   };
 
   const show = () => {
-    if (desk.hidden) {  // a browser for which there is no place gets none of this
-      row();
-      desk.hidden = false;
-      say("tab", tab); say("dark", night.matches);
-    }
+    if (desk.hidden) { row(); desk.hidden = false; }  // a browser for which there is no place gets none of this
     for (const [name, made] of Object.entries(choices)) made.setAttribute("aria-pressed", String(name === model.tool));
     of.plane.setAttribute("aria-pressed", String(model.plane));
     const looks = model.role === "look", [here, most] = model.people;
@@ -426,6 +433,7 @@
       }
     }
     feel(model.pull);
+    handles.take(model.handles);
     inspector.tell("Pick", model.picked || "Click the surface to read its values there. *Measure* gives the distance of two clicks, and the values between them.", 0);
     if (model.facts || inspector.chosen() === "Statistics") inspector.tell("Statistics", model.facts || "…", 2e8);
     else inspector.tell("Statistics", "…", 2e8);
@@ -464,37 +472,31 @@
     else if (m.note) note(m.note);
     else if (m.dialog) pop(m.dialog.title, inspector.markdown(m.dialog.text));
     else if (m.commands) commands = m.commands;
+    else if (m.camera) { Object.assign(camera.view, m.camera); moves = m.moves; handles.draw(); }
+    else if (m.file) download = { name: m.file.name, left: m.file.size, parts: [] };
     else if (m.full) { full = m.full; tell(); }
     else { model = m; show(); tell(); place(); }
   };
+  const size = () => [innerWidth, innerHeight].map((v) => Math.round(v * devicePixelRatio));
   const connect = () => {
-    const word = globalThis.globuleWord;
-    if (!word) return;
     socket?.close();
-    const address = new URL(at("globule/desk"));
-    address.searchParams.set("word", word);
-    const own = socket = new WebSocket(address.href);
+    const own = socket = new WebSocket(at("globule/desk"));
     own.binaryType = "arraybuffer";
-    own.onopen = () => { wait = 500; lost = false; room = ""; full = ""; inspector.again(); tell(); if (!desk.hidden) { say("tab", tab); say("dark", night.matches); } };
+    own.onopen = () => { wait = 500; lost = false; room = ""; full = ""; moves = -1; inspector.again(); tell(); say("hello", { size: size(), tab, dark: night.matches }); say("section", inspector.chosen()); };
     own.onmessage = ({ data }) => {
       if (own !== socket) return;
-      if (data instanceof ArrayBuffer) drawn = drawn.then(() => paint(data)).catch(() => {});
+      if (data instanceof ArrayBuffer && !new Uint32Array(data, 0, 1)[0]) keepPart(data.slice(4));
+      else if (data instanceof ArrayBuffer) drawn = drawn.then(() => paint(data)).catch(() => {});
       else heard(JSON.parse(data));
     };
     own.onclose = () => { if (own !== socket) return; lost = true; feel(""); tell(); setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
   };
 
-  addEventListener("DOMContentLoaded", () => {
-    document.documentElement.lang = "en";
-    const root = document.getElementById("root");
-    root.setAttribute("role", "region"); root.setAttribute("aria-label", "Handles in the image");
-    desk.prepend(make("h1", { class: "unseen" }, document.title));
-    document.body.append(desk, banner, notes, dialog); document.body.prepend(make("main", {}, image));
-    settings(!narrow.matches && kept("inspector", innerWidth >= 900 ? "1" : "0") === "1");
-    open(!narrow.matches && kept("layers", innerWidth >= 900 ? "1" : "0") === "1");
-    setInterval(place, 400);
-    addEventListener("resize", place);
-    addEventListener("globule", connect);
-    connect(); tell();
-  });
+  desk.prepend(make("h1", { class: "unseen" }, document.title));
+  document.body.append(make("main", {}, image, handles.all), desk, banner, notes, dialog);
+  settings(!narrow.matches && kept("inspector", innerWidth >= 900 ? "1" : "0") === "1");
+  open(!narrow.matches && kept("layers", innerWidth >= 900 ? "1" : "0") === "1");
+  setInterval(place, 400);
+  addEventListener("resize", () => { place(); say("size", size()); handles.draw(); });
+  connect(); tell();
 })();

@@ -5,21 +5,21 @@ from __future__ import annotations
 from .panel import Panel
 
 TEXT = """\
-**Mouse**
+**Mouse and fingers**
 
 | | |
 |---|---|
-| left drag | rotate |
-| wheel | zoom |
-| right drag | pan |
-| click | read the values of the surface |
+| left drag, one finger | rotate |
+| wheel, two fingers | zoom |
+| right drag or Shift, two fingers | pan |
+| click, tap | read the values of the surface |
 
 **Keys**
 
 | | |
 |---|---|
 | W A S D, Q E | fly forwards, left, back, right, down, up |
-| arrows | turn the camera |
+| arrows, + and − | turn the camera, zoom |
 | F | fit the view to the scene |
 | 1 … 6 | front, back, left, right, top, bottom |
 | O | perspective or orthographic |

@@ -1,12 +1,12 @@
-"""The panel Annotations."""
+"""The panel Image."""
 
 from __future__ import annotations
 
 from .panel import Panel
 
 
-class NotesPanel(Panel):
-    """Title, scale bar, axes and bounding box."""
+class ImagePanel(Panel):
+    """Annotations, size and quality of the image."""
 
     title = "Image"
 
@@ -14,3 +14,6 @@ class NotesPanel(Panel):
         """Make the widgets."""
         for name in ("title", "scale_bar", "axes", "box", "unit"):
             self.add("notes", name)
+        with self.gui.add_folder("Quality"):
+            for name in ("samples", "rate", "sharpness", "width"):
+                self.add("quality", name)

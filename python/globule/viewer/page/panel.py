@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from .widgets import safe
 
 
@@ -36,7 +38,7 @@ class Panel:
         """Make the controls."""
 
     def button(self, label: str, called: Any, hint: str = "", private: bool = False, key: str = "") -> Any:
-        """A button; `called` gets the browser (`viser.ClientHandle`) in which it was pressed.
+        """A button; `called` gets the browser (`globule.viewer.desk.Browser`) in which it was pressed.
 
         private: it changes only this browser's view, so that those who look may press it.
         key: of a command with the same name.
@@ -59,17 +61,24 @@ class Panel:
     def tick(self) -> None:
         """Called a few times per second."""
 
-    def connected(self, browser: Any, client: Any) -> None:
-        """React to a new browser."""
+    def handles(self, browser: Any) -> list[dict[str, Any]]:
+        """The handles in a browser's image; see `handle`."""
+        return []
 
-    def took(self, browser: Any) -> None:
-        """React to a browser that has taken another mouse tool."""
+    def pulled(self, name: str, at: Any, axes: Any) -> None:
+        """React to a person who has moved a handle: its place (3,) and unit axes (3, 3), world."""
 
     def disconnected(self, browser: Any) -> None:
         """React to a browser that has left."""
 
-    def put_back(self, name: str) -> None:
-        """Show a handle where it is, after a browser that looks has dragged it."""
-
     def close(self) -> None:
         """React to the end of the viewer."""
+
+
+def handle(name: str, label: str, at: Any, axes: Any, **more: bool) -> dict[str, Any]:
+    """A handle for the page: arrows from a place (3,) along axes (n, 3), world, which move it.
+
+    turns: it has rings, too. swings: a drag turns its one arrow instead.
+    """
+    at, axes = np.asarray(at, float).tolist(), np.asarray(axes, float).tolist()
+    return {"name": name, "label": label, "at": at, "axes": axes, **more}

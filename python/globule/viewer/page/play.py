@@ -7,12 +7,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from viser.transforms import SO3
 
 from ...ultrasound.options import METHODS
 from ..forces import force_words, forces
+from ..roles import STEER
 from ..sweep_source import COMPOUNDING
-from .panel import Panel
+from .panel import Panel, handle
 from .widgets import bounded
 
 TITLES = {"sequence": "Time", "simulation": "Simulation", "sweep": "Live sweep"}
@@ -30,7 +30,7 @@ class Play(Panel):
         return TITLES[self.viewer.source.kind]
 
     def __init__(self, page: Any):
-        self.shared: dict[str, Any] = {}  # handles of instruments, by their names on the page
+        self.held: dict[str, np.ndarray] = {}  # poses (4, 4) of instruments that people move
         super().__init__(page)
 
     def wanted(self) -> bool:
@@ -126,12 +126,6 @@ class Play(Panel):
         """Run or pause the simulation."""
         self.viewer.source.play(running)
 
-    def put_back(self, name: str) -> None:
-        """Show the handle of an instrument where it is."""
-        handle = self.shared.get(name)
-        if handle is not None:
-            handle.position, handle.wxyz = handle.position, handle.wxyz
-
     def _switch(self, label: str, thing: Any, on: Callable[[], bool]) -> None:
         box = self.gui.add_checkbox(label, on(), hint="On or off; until then it follows the scene")
         self.switches.append((box, on))
@@ -144,38 +138,40 @@ class Play(Panel):
         box.on_update(self.safe(changed))
 
     def _instrument(self, name: str, instrument: Any) -> None:
-        """A handle in the image that moves an instrument."""
-        source, place = self.viewer.source, self.viewer.placement
-        handle = self.page.server.scene.add_transform_controls(
-            f"/instruments/{name}", scale=0.35, depth_test=False, visible=False
-        )
-        self.shared[f"/instruments/{name}"] = handle
-        shown = self.gui.add_checkbox(
-            f"Move {name} by hand", False, hint="Show handles in the image that move and turn it"
-        )
+        """A switch for the handle that moves an instrument."""
+        source = self.viewer.source
+        hint = "Show handles in the image that move and turn it"
+        shown = self.gui.add_checkbox(f"Move {name} by hand", False, hint=hint)
 
         def changed(event: Any) -> None:
-            with source.lock:
-                pose = instrument.pose
-            handle.position = place.to_page(pose[:3, 3])
-            handle.wxyz = SO3.from_matrix(pose[:3, :3]).wxyz
-            handle.visible = shown.value
-            if not shown.value:
+            if shown.value:
+                with source.lock:
+                    self.held[name] = np.array(instrument.pose)
+            else:
+                self.held.pop(name, None)
                 source.follow_keys(name)
 
         shown.on_update(self.safe(changed))
         self._switch(f"{name} on", instrument, lambda: instrument.works(source.simulation.time))
 
-        @handle.on_update
-        def _(event: Any) -> None:
-            pose = np.eye(4)
-            pose[:3, :3] = SO3(handle.wxyz).as_matrix()
-            pose[:3, 3] = place.to_world(handle.position)
-            try:
-                source.move(name, pose)
-                self.viewer.engine.notify()
-            except Exception as error:
-                self.page.complain(event.client, str(error))
+    def handles(self, browser: Any) -> list[dict[str, Any]]:
+        """Of the instruments that people move."""
+        return [
+            handle(f"instrument {name}", name, pose[:3, 3], pose[:3, :3].T, turns=True)
+            for name, pose in list(self.held.items())
+            if self.viewer.clients[browser.client_id].role == STEER
+        ]
+
+    def pulled(self, name: str, at: Any, axes: Any) -> None:
+        """Move an instrument. Raises ValueError for axes that are no rotation."""
+        if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-3) or np.linalg.det(axes) < 0:
+            raise ValueError(f"{name}: expected the axes of a rotation")
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = axes.T, at
+        name = name.removeprefix("instrument ")
+        self.held[name] = pose
+        self.viewer.source.move(name, pose)
+        self.viewer.engine.notify()
 
     # Sweeps
 

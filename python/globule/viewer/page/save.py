@@ -113,7 +113,7 @@ class Save(Panel):
         if seen is not None and seen.shape[1::-1] == tuple(size):
             data = io.BytesIO()
             Image.fromarray(seen).save(data, "PNG")
-            give(browser, self.name(extension), data.getvalue())
+            self.page.desk.give(browser, self.name(extension), data.getvalue())
             return
 
         def made(progress: Callable[[float], None]) -> bytes:
@@ -163,7 +163,7 @@ class Save(Panel):
         if wrong is not None:
             self.page.complain(browser, wrong)
         elif data is not None:
-            give(browser, name, data)
+            self.page.desk.give(browser, name, data)
 
     def cancel(self, browser: Any) -> None:
         """Cancel the jobs of a browser."""
@@ -189,7 +189,7 @@ class Save(Panel):
         note.remove()
         try:
             recorder.stop()
-            give(browser, self.name(".mp4"), Path(path).read_bytes())
+            self.page.desk.give(browser, self.name(".mp4"), Path(path).read_bytes())
         finally:
             _remove(path)
 
@@ -198,7 +198,7 @@ class Save(Panel):
     def save_state(self, browser: Any) -> None:
         """Give the browser all settings as TOML."""
         text = self.state.to_toml(self._client(browser).camera)
-        give(browser, self.name("-view.toml"), text.encode())
+        self.page.desk.give(browser, self.name("-view.toml"), text.encode())
 
     def load(self, browser: Any, value: Any) -> None:
         """Take the settings of a file of the browser: [its name, its text]. Raises ValueError."""
@@ -215,7 +215,7 @@ class Save(Panel):
     def save_notebook(self, browser: Any) -> None:
         """Give the browser a notebook that makes the image."""
         text = self.viewer.notebook(self._client(browser).camera, self.chosen_size(browser))
-        give(browser, self.name(".ipynb"), text.encode())
+        self.page.desk.give(browser, self.name(".ipynb"), text.encode())
 
     def show_equivalent(self, browser: Any) -> None:
         """Show a command and a program that make the image; of who steers, log them, too."""
@@ -261,7 +261,7 @@ class Save(Panel):
             _remove(path)
         log.info("%s", said)
         if not self.viewer._closed.is_set():
-            for other in list(self.page.server.get_clients().values()):
+            for other in list(self.page.desk.browsers.values()):
                 with contextlib.suppress(Exception):  # it has left, too
                     self.page.desk.note(other, "Recording", words)
             return
@@ -291,11 +291,6 @@ class Save(Panel):
 def even(size: tuple[int, int]) -> tuple[int, int]:
     """A size for movies, whose sides are even."""
     return size[0] // 2 * 2, size[1] // 2 * 2
-
-
-def give(browser: Any, name: str, data: bytes) -> None:
-    """Let a browser (`viser.ClientHandle`) save a file."""
-    browser.send_file_download(name, data, save_immediately=True)
 
 
 def _remove(path: str) -> None:

@@ -53,15 +53,3 @@ class SurfacePanel(Panel):
         with self.viewer.source.lock:
             scene = self.viewer.source.scene(self.state.snapshot())
             self.threshold.value = scene.threshold
-
-
-class QualityPanel(Panel):
-    """Size and quality of the image on the page."""
-
-    title = "Image"
-
-    def build(self) -> None:
-        """Make the controls."""
-        with self.gui.add_folder("Quality"):
-            for name in ("samples", "rate", "sharpness", "width"):
-                self.add("quality", name)

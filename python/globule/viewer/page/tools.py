@@ -106,8 +106,6 @@ class Hand:
         self.client.line = None
         self.client.mark([])
         self.say(SAID[tool])
-        for panel in self.page.panels:
-            panel.took(self.browser)
 
     # Clicks
 

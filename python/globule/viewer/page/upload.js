@@ -1,13 +1,5 @@
-// Before all other scripts: what they share, and how a file gets to the server; see desk.py.
+// Before all other scripts: what they share, and how a file gets to the server; see server.py.
 globalThis.globule = (() => {
-  // viser would lower the resolution of its canvas, and with it that of the image, on a slow machine.
-  const address = new URL(location.href);
-  if (!address.searchParams.has("fixedDpr") && document.currentScript?.dataset.viewer !== undefined) {
-    address.searchParams.set("fixedDpr", devicePixelRatio);
-    history.replaceState(null, "", address);
-    addEventListener("globule", () => { address.searchParams.delete("fixedDpr"); history.replaceState(null, "", address); }, { once: true });
-  }
-
   const make = (tag, facts = {}, ...inside) => {
     const made = document.createElement(tag);
     for (const [name, value] of Object.entries(facts)) {

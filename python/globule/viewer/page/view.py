@@ -53,17 +53,17 @@ class View(Panel):
 
     def fit(self, browser: Any) -> None:
         """Show everything from the current direction."""
-        camera = self.viewer.camera_of(browser.camera)
+        camera = self.viewer.clients[browser.client_id].camera
         self._see(browser, np.subtract(camera.eye, camera.look_at))
 
     def grew(self, moved: bool) -> None:
         """Fit all views to the new extent."""
-        for browser in self.page.server.get_clients().values() if moved else ():
+        for browser in list(self.page.desk.browsers.values()) if moved else ():
             self.fit(browser)
 
     def flatten(self, browser: Any) -> None:
         """Switch between a perspective and an orthographic camera with the same field of view."""
-        camera = self.viewer.camera_of(browser.camera)
+        camera = self.viewer.clients[browser.client_id].camera
         away = np.subtract(camera.eye, camera.look_at)
         distance = float(np.linalg.norm(away))
         slope = 2 * np.tan(np.radians(FOV) / 2)
@@ -84,7 +84,7 @@ class View(Panel):
             around = viewer.source.outline()
             if around is None and scene.octree.n_inside == 0:
                 raise ValueError("fit: expected particles to show, got none")
-            now = viewer.camera_of(browser.camera)
+            now = client.camera
             how = {"direction": towards, "up": viewer.up, "fov": now.fov}
             camera = fit_camera(scene, size, around, orthographic=now.height is not None, **how)
         viewer.move(browser, client.room.seated(camera, client.pacer.full))
@@ -101,7 +101,7 @@ class View(Panel):
             raise ValueError("bookmark: expected a name, got none")
         if len(self.state.bookmarks) >= MOST_BOOKMARKS and name not in self.state.bookmarks:
             raise ValueError(f"bookmarks: expected at most {MOST_BOOKMARKS}")
-        self.state.bookmarks[name] = self.viewer.camera_of(browser.camera)
+        self.state.bookmarks[name] = self.viewer.clients[browser.client_id].camera
         self.state.tell({"bookmarks"})
         self.names.value = name
         self.name.value = f"view {len(self.state.bookmarks) + 1}"

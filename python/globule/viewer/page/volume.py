@@ -20,19 +20,23 @@ class VolumePanel(Panel):
         self.add("slices", "shown")
         self.slices = [self.add("slices", name, unit="mm") for name in "xyz"]
         self.add("slices", "flat")
-        low, high = self.viewer.source.gray
-        ends = {"least": 0.01 * (high - low), "most": 2 * (high - low), "usual": high - low}
-        self.gray = [self.add("slices", "window", **ends)]
-        ends = {"least": low - (high - low) / 2, "most": high, "usual": (low + high) / 2}
-        self.gray.append(self.add("slices", "center", **ends))
-        self.add("slices", "overlay")
-        self.add("slices", "surface")
-        self.add("slices", "open")
+        self.gray = [self.add("slices", name, **ends) for name, ends in self._ends().items()]
+        for name in ("overlay", "surface", "open"):
+            self.add("slices", name)
         source = self.viewer.source
         self.level = self.add("slices", "level", least=source.least_level, most=source.most_level, usual=source.level)
         if source.n_sweep_frames:
             self.add("slices", "frame")
             self.add("slices", "number", most=max(1, source.n_sweep_frames - 1))
+
+    def _ends(self) -> dict[str, dict[str, float]]:
+        """Of window and level, by the values of the volume."""
+        low, high = self.viewer.source.gray
+        width = high - low
+        return {
+            "window": {"least": 0.01 * width, "most": 2 * width, "usual": width},
+            "center": {"least": low - width / 2, "most": high, "usual": (low + high) / 2},
+        }
 
     def tick(self) -> None:
         """Positions of slices in millimeters, of the volume that is shown now."""
@@ -43,11 +47,7 @@ class VolumePanel(Panel):
     def grew(self, moved: bool) -> None:
         """Adapt the automatic iso-value to the volume."""
         source = self.viewer.source
-        low, high = source.gray
-        for slider, least, most, usual in zip(
-            self.gray, (0.01 * (high - low), low - (high - low) / 2), (2 * (high - low), high),
-            (high - low, (low + high) / 2), strict=True,
-        ):  # fmt: skip
+        for slider, (least, most, usual) in zip(self.gray, map(dict.values, self._ends().values()), strict=True):
             slider.min, slider.max, slider.step = least, most, (most - least) / 200
             if self.state.slices.window is self.state.slices.center is None:
                 slider.value = usual

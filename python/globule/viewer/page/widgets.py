@@ -193,7 +193,7 @@ def safe(page: Any) -> Callable[[Callable], Callable]:
         def inner(event: Any) -> None:
             browser = getattr(event, "client", None)
             try:
-                with page.roles.turn(browser):
+                with page.turn(browser):
                     called(event)
             except Exception as error:
                 page.complain(browser, str(error) or type(error).__name__)
