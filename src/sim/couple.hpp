@@ -177,6 +177,22 @@ struct HoldOn {
         state.velocity[s] = {v.x, v.y, v.z, state.velocity[s].w};
     }
 };
+/// Momentum that velocities do not show yet, about the world's origin.
+struct OwedMomentum {
+    const Quad *at, *velocity;  ///< w: inverse mass
+    const float3* owed;
+    GB_FN sim::Impulse operator()(std::size_t t) const {
+        if (!(velocity[t].w > 0.0f)) return {};
+        const double m = 1.0 / double(velocity[t].w), x[3] = {at[t].x, at[t].y, at[t].z},
+                     u[3] = {m * owed[t].x, m * owed[t].y, m * owed[t].z};
+        sim::Impulse sum{};
+        for (int k = 0; k < 3; ++k) {
+            sum.p[k] = u[k];
+            sum.l[k] = x[(k + 1) % 3] * u[(k + 2) % 3] - x[(k + 2) % 3] * u[(k + 1) % 3];
+        }
+        return sum;
+    }
+};
 struct AddRest {
     sim::State state;
     const sim::Phase* phases;

@@ -133,6 +133,11 @@ public:
             sim::AddTotals{}, sim::Totals{}, out);
         sim::Totals t;
         exec_.download(&t, out, sizeof t);
+        const sim::Impulse owed = tissue_.owed();
+        for (int k = 0; k < 3; ++k) {
+            t.momentum[k] += owed.p[k];
+            t.angular[k] += owed.l[k];
+        }
         return t;
     }
 

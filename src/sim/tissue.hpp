@@ -283,6 +283,15 @@ public:
             n_, tissue::CountAs{state, slot_.data(), beside_.data(), response(),
                     {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByOthers}, substep / kSubstepsOfSprings});
     }
+    /// What the last step owes to solids: no velocity shows it.
+    sim::Impulse owed() {
+        sim::Impulse sum{}, *out = felt_sum_.reserve(1);
+        if (n_ == 0 || !is_solid_) return sum;
+        exec_.reduce_in_order(
+            n_, tissue::OwedMomentum{at_.data(), velocity_.data(), owed_.data()}, sim::AddImpulse{}, sum, out);
+        exec_.download(&sum, out, sizeof sum);
+        return sum;
+    }
     /// Before the forces.
     void take_velocities(const sim::State& state) {
         exec_.for_each(n_, tissue::TakeVelocity{state, slot_.data(), hold_.data(), velocity_.data()});
