@@ -166,9 +166,8 @@ private:
             }
             left &= ~together;
             const auto place = [&](int axis) {
-                return Packet::map_d([&](int k) {
-                    return double(points[3 * (first + (together >> k & 1 ? k : leader)) + axis]);
-                });
+                return Packet::map_d(
+                    [&](int k) { return double(points[3 * (first + (together >> k & 1 ? k : leader)) + axis]); });
             };
             const Vec3<D> at{place(0), place(1), place(2)};
             D f(0.0);
