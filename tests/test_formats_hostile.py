@@ -260,8 +260,17 @@ def test_a_cut_off_stl(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     path = tmp_path / "box.stl"
     trimesh.creation.box().export(path)
-    path.write_bytes(path.read_bytes()[:300])
-    assert "expected 684 bytes for the 12 triangles of its header, got 300" in reads_or_refuses(path)
+    good = path.read_bytes()
+    for cut in (good[:300], b"solid box".ljust(80) + good[80:300]):
+        path.write_bytes(cut)
+        assert "expected 684 bytes for the 12 triangles of its header, got 300" in reads_or_refuses(path)
+
+
+def test_text_of_a_mesh_in_latin_1(tmp_path):
+    pytest.importorskip("trimesh")
+    path = tmp_path / "a.obj"
+    path.write_bytes("# für\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".encode("latin-1"))
+    assert reads_or_refuses(path) == ""
 
 
 def npy(shape: str, descr: str = "'<f8'", data: bytes = b"12345678") -> bytes:

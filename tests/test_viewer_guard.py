@@ -116,18 +116,19 @@ def test_without_the_token_neither_page_nor_messages(guarded, capfd):
     assert ask(guarded.port, "/globule/desk", **strange).status == 403
 
 
-def test_requests_that_no_browser_sends_get_403_and_large_ones_no_answer(guarded):
+def test_requests_that_no_browser_sends_get_no_page_and_large_ones_no_answer(guarded):
     token, good = guarded.token.encode(), b"Host: box\r\n"
     for line, more, status in (
         (b"//[", b"", b"403"),
-        (b"/?token=\xff", b"", b"403"),
+        (b"/?token=\xff", b"", None),  # no answer; 403 with older websockets
         (b"/?token=" + token, b"X-Forwarded-Proto: https\r\nX-Forwarded-Proto: http\r\n", b"200"),
         (b"/?token=" + token, b"Accept-Encoding: gzip\r\nAccept-Encoding: br\r\n", b"200"),
         (b"/" + 3000 * b"x" + b"?token=" + token, b"", b"404"),
     ):
         with socket.create_connection(("127.0.0.1", guarded.port)) as asked:
             asked.sendall(b"GET " + line + b" HTTP/1.1\r\n" + good + more + b"\r\n")
-            assert asked.makefile("rb").readline().split()[1] == status, line
+            answer = asked.makefile("rb").readline().split()[1:2]
+            assert answer == [status] or (status is None and answer in ([], [b"403"])), line
     with closing(link(guarded.address)) as connection:
         connection.send(bytes(2 * 1024 * 1024))
         with pytest.raises(ConnectionClosed) as closed:

@@ -3,6 +3,7 @@
 #pragma once
 #include "exec/bits.hpp"
 #include "sim/bonds.hpp"
+#include "sim/rigid.hpp"
 #include "sim/step.hpp"
 
 namespace globule::core::tissue {

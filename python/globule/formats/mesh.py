@@ -164,8 +164,6 @@ def _points(name: str, parts: list[Any]) -> Particles:
     """What a file without triangles has: points."""
     found = [np.asarray(part.vertices) for part in parts if len(part.vertices)]
     if not found:
-        if name.lower().endswith(".stl"):
-            _check_stl(name)
         raise bad(name, "", "expected a mesh with vertices, got none")
     positions, origin = relative(np.concatenate(found))
     positions = positions.astype(np.float32)
@@ -186,6 +184,8 @@ def _load(path: str, trimesh: Any) -> Any:
             _check_glb(path, file)
         elif form == "obj":
             _check_obj(path, file)
+        elif form == "stl":
+            _check_stl(path, file)
     with _errors_of(path), open(path, "rb") as file:
         beside = _beside(trimesh, path)
         return trimesh.load_scene(file, file_type=form, process=False, resolver=beside)
@@ -235,13 +235,12 @@ def _check_obj(path: str, file: IO[bytes]) -> None:
         raise bad(path, "last face", f"expected at least 3 corners, got {len(last) - 1}")
 
 
-def _check_stl(path: str) -> None:
+def _check_stl(path: str, file: IO[bytes]) -> None:
     """Refuse a binary file that is shorter than its number of triangles: trimesh reads none."""
-    with open(path, "rb") as file:
-        size, head = os.fstat(file.fileno()).st_size, file.read(84)
-    if head.startswith(b"solid") or len(head) < 84:
+    size, count = os.fstat(file.fileno()).st_size, file.read(84)[80:]
+    if len(count) < 4 or 0 not in count:  # text, or more than 16 million triangles
         return
-    n = int.from_bytes(head[80:], "little")
+    n = int.from_bytes(count, "little")
     if size < 84 + 50 * n:
         expected = f"expected {84 + 50 * n:,} bytes for the {n:,} triangles of its header"
         raise bad(path, "", f"{expected}, got {size:,}: the file is cut off")
