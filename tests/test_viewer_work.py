@@ -166,6 +166,27 @@ def test_a_change_or_a_person_stops_a_still_image_which_then_begins_again(shown)
     assert not shown.errors
 
 
+def test_who_turns_does_not_wait_for_the_samples_of_others(shown):
+    engine, other = shown.engine, Kept(shown.engine)
+    for one in (shown, other):
+        one.client.look(gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)), (300, 200))
+        until(lambda one=one: one.plans and one.plans[-1].samples == 4, "for all samples")
+    until(lambda: not any(client.pacer.making for client in engine.clients))
+    with engine.wake:  # the thread that traces waits
+        shown.client.pacer._samples = 2  # it has two of four
+        assert shown.client.pacer.plan(
+            engine.clock(), engine._what(shown.client), 4, 90, 1920, engine._over(shown.client)
+        )
+        other.client.look(gb.Camera((2, 1.6, 3), (0.5, 0.5, 0.5)), (300, 200))
+        for engine._turn in (0, 1):
+            client, plan, seen, _ = engine._next()
+            assert client is other.client
+            assert not client.pacer.gains(plan)
+            client.pacer.interrupted(seen)
+    until(lambda: other.plans[-1].samples == 4 and len(other.plans) > 3, "for all samples")
+    assert not shown.errors
+
+
 def test_a_failed_thread_begins_again_and_says_so(shown, monkeypatch):
     client, engine = shown.client, shown.engine
     failing, usual = threading.Event(), engine._next

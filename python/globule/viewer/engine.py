@@ -193,6 +193,7 @@ class Engine:
         self._turn = 0
         self._running = True
         self._still: tuple[Client, Any] | None = None  # whose still image; its scene
+        self._gains = False  # it only adds samples
         self._stopping: tuple[Client, Any] | None = None  # the still image that is to stop
         self._threads = [
             threading.Thread(target=self._keep_up, args=(work,), name=f"globule {name}", daemon=True)
@@ -214,11 +215,12 @@ class Engine:
         The image begins again where it is still wanted. Images of a moving view are never stopped.
 
         Args:
-            client: whose image to stop; None: anyone's.
+            client: whose image to stop; None: anyone's. One that only adds samples stops for all.
         """
         with self.wake:
             still = self._still
-            if still is not None and client in (None, still[0]) and still is not self._stopping:
+            meant = still is not None and (self._gains or client in (None, still[0]))
+            if still is not None and meant and still is not self._stopping:
                 self._stopping = still
                 threading.Thread(target=self._stop, args=(still,), daemon=True).start()
             self.wake.notify_all()
@@ -300,16 +302,21 @@ class Engine:
         while self._running:
             now, due = self.clock(), []
             quality = self.state.quality
+            found: tuple[bool, int, Plan] | None = None
             for i in range(len(self.clients)):
                 client = self.clients[(self._turn + i) % len(self.clients)]
-                what = self._what(client)
-                over = self._over(client)
+                what, over = self._what(client), self._over(client)
                 plan = client.pacer.plan(now, what, quality.samples, quality.sharpness, quality.width, over)
-                if plan is not None:
-                    client.since = None if plan.refine else now
-                    self._turn = (self._turn + i + 1) % len(self.clients)
-                    return client, plan, client.pacer.started(), what
-                due.append(client.pacer.wake_at(now))
+                if plan is None:
+                    due.append(client.pacer.wake_at(now))
+                elif found is None or (found[0] and not client.pacer.gains(plan)):
+                    found = client.pacer.gains(plan), i, plan
+            if found is not None:  # who waits for an image comes before who waits for samples
+                self._gains, i, plan = found
+                client = self.clients[(self._turn + i) % len(self.clients)]
+                client.since = None if plan.refine else now
+                self._turn = (self._turn + i + 1) % len(self.clients)
+                return client, plan, client.pacer.started(), self._what(client)
             waits = [at - now for at in due if at is not None]
             self.wake.wait(max(0.001, min(waits)) if waits else None)
         return None
@@ -321,12 +328,13 @@ class Engine:
             if found is None:
                 return
             client, plan, seen, what = found
+            gains = self._gains
             try:
                 self._make(client, plan, seen, what)
                 client.since = None
             except KeyboardInterrupt:  # `interrupt`
                 with self.wake:
-                    client.pacer.interrupted(seen)
+                    client.pacer.interrupted(None if gains else seen)
             except Exception as error:
                 with self.wake:
                     client.pacer.given_up()
@@ -351,7 +359,7 @@ class Engine:
                 client.profile = self._profile(client, state)
             finally:
                 with self.wake:
-                    self._still = None
+                    self._still, self._gains = None, False
         with self.wake:
             if client not in self.clients:  # it has left
                 return

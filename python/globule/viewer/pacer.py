@@ -68,6 +68,7 @@ class Pacer:
         self._wanted: Any = None
         self._hopeless: Any = None
         self._marks: Any = None  # of the last image
+        self._over: Any = None  # those that the next image has
         self._samples = 0  # of the last still image; 0 while something moves
         self._still_size: tuple[int, int] | None = None
         self._ways: deque[tuple[float, float]] = deque(maxlen=32)  # bytes in flight, and s
@@ -97,10 +98,9 @@ class Pacer:
             return None
         full = limited(self.full, widest)
         sharp = self._samples > 0 and self._changed is None and self._still_size == full
-        if sharp and marks != self._marks:
-            self._marks = marks
+        over, self._over = self._marks, marks
+        if sharp and marks != over:
             return Plan(full, sharpness, True, self._samples, refine=True)
-        self._marks = marks
         if now - self._last_change < STILL_AFTER:
             if self._changed is None:
                 return None
@@ -124,7 +124,7 @@ class Pacer:
 
     def started(self) -> float:
         """Note that the engine starts an image; returns the time of the change that it shows."""
-        self.making = True
+        self.making, self._marks = True, self._over
         seen = self._changed
         self._changed = None
         return self._last_change if seen is None else seen
@@ -145,10 +145,19 @@ class Pacer:
         """Note that the image failed; the same content is not tried again."""
         self.making, self._changed, self._hopeless = False, None, self._wanted
 
-    def interrupted(self, seen: float) -> None:
-        """Note that the image was not finished; `seen`: as `started` returned it."""
+    def gains(self, plan: Plan) -> bool:
+        """Whether a plan only adds samples to an image that is already shown: nobody waits for it."""
+        return plan.refine and plan.samples > self._samples
+
+    def interrupted(self, seen: float | None) -> None:
+        """Note that the image was not finished.
+
+        Args:
+            seen: as `started` returned it; None: the image only adds samples to the one before.
+        """
         self.making = False
-        self._changed = seen if self._changed is None else min(seen, self._changed)
+        if seen is not None:
+            self._changed = seen if self._changed is None else min(seen, self._changed)
 
     def sent(self, now: float, number: int, seen: float, n_bytes: int, still: bool) -> None:
         """Note that an image was sent; `seen`: as `started` returned it."""
