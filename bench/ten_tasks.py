@@ -190,7 +190,7 @@ def cut(person: Person) -> str:
 
 def save_state(person: Person) -> str:
     with person.page.expect_download(timeout=1000 * MOST) as download:
-        person.press("Save")
+        person.press("Save view")
     return download.value.suggested_filename
 
 

@@ -156,7 +156,7 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
         until(lambda: watched.viewer.source.frame == 2)
         desk.get_by_text("3 / 3").wait_for()
         with page.expect_download() as got:
-            press("Save the view")
+            press("Save view")
         assert 'by = "speed"' in got.value.path().read_text()
         press("Play or pause")
         until(lambda: state.time.playing)

@@ -7,11 +7,12 @@ import globule as gb
 import numpy as np
 import pytest
 from PIL import Image
-from viewer_helpers import Watched, blob, engine_of, open_section, silhouette, type_number, until
+from viewer_helpers import Watched, blob, engine_of, open_section, silhouette, traced, type_number, until
 
 pytest.importorskip("websockets")
 
 from globule.viewer.page.jobs import Cancelled, Job
+from globule.viewer.page.tools import add_color, titled
 from globule.viewer.recording import Recorder, Shot, turntable
 
 BROWSERS = True  # see hang_guard
@@ -97,6 +98,18 @@ def test_each_setting_changes_the_image(before, change):
         assert 0 < silhouette(second) < silhouette(first)
     if change.get("color__colormap") == "gray":
         assert np.ptp(second[50:70, 70:90].astype(int), axis=2).max() < 40
+
+
+def test_a_click_says_the_value_that_colors_though_no_attribute_has_its_name():
+    velocity = np.tile((3.0, 4.0, 0.0), (150, 1))
+    moving = gb.Particles(blob(150).positions, support=0.35, attributes={"velocities": velocity})
+    with engine_of(moving) as engine:
+        frame = traced(engine.source, FRONT, (40, 30), color__by="speed")
+        found = frame.pick(20, 15)
+        add_color(found, frame, "speed")
+        add_color(found, frame, "no such value")
+    assert titled(found, "speed") == "speed 5"
+    assert list(found.attributes) == ["speed", "velocities"]
 
 
 def test_a_click_says_what_is_there_two_measure_and_buttons_cut(watched, page):
@@ -353,7 +366,7 @@ def test_each_kind_of_widget_in_a_browser(chromium, tmp_path):
             assert image.size == (64, 48)
         (tmp_path / "view.toml").write_text("[cuts]\nplane = true\n")
         with page.expect_file_chooser() as chooser:
-            page.get_by_role("button", name="Load a view").click()
+            page.get_by_role("button", name="Load view").click()
         chooser.value.set_files(str(tmp_path / "view.toml"))
         until(lambda: state.cuts.plane, "for the settings to come")
 

@@ -124,7 +124,11 @@ class Split:
 
     def pick(self, column: int, row: int) -> Picked | None:
         """The data behind a pixel."""
-        return self._frames[column >= self._at].pick(column, row)
+        return self.part(column).pick(column, row)
+
+    def part(self, column: int) -> Frame:
+        """The frame that a column shows."""
+        return self._frames[column >= self._at]
 
     def __getattr__(self, name: str) -> Any:
         if name not in JOINED:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 MOST_IN_FLIGHT = 2
-STILL_AFTER = 0.15  # s without a change
+STILL_AFTER = 0.1  # s without a change
 SMALLEST = 160  # pixels of the longer side
 LEAST_QUALITY, MOST_QUALITY = 35, 80  # JPEG, while something moves
 LEAST_SCALE = 1 / 8

@@ -42,7 +42,6 @@ from .history import History
 
 FAR = float(FARTHEST)  # the largest coordinate of a scene
 MOST_BOOKMARKS = 64
-KEEP = "Keep the inside"
 CORNERS = POSITIONS[:4]  # on the page, a legend outside would change the image's size
 MOST_BYTES = 256 * 1024  # of a state file
 
@@ -177,11 +176,11 @@ class Cuts(Group):
     box: bool = setting(Switch(), False, "remove the inside of a box")
     lo: tuple = setting(PLACE, (-1.0,) * 3, "low corner of the box", "world units")
     hi: tuple = setting(PLACE, (1.0,) * 3, "high corner of the box", "world units")
-    keep_box: bool = setting(Switch(), False, "remove the outside of the box", label=KEEP)
+    keep_box: bool = setting(Switch(), False, "remove the outside of the box", label="Keep the box")
     sphere: bool = setting(Switch(), False, "remove the inside of a sphere")
     center: tuple = setting(PLACE, ORIGIN, "center of the sphere", "world units")
     radius: float = setting(Number(1e-30, FAR), 1.0, "radius of the sphere", "world units")
-    keep_sphere: bool = setting(Switch(), False, "remove the outside of the sphere", label=KEEP)
+    keep_sphere: bool = setting(Switch(), False, "remove the outside of the sphere", label="Keep the sphere")
 
 
 @dataclass

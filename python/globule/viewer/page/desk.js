@@ -69,8 +69,8 @@
     undo: button("undo", "Undo the last change", () => say("undo"), "Undo the last change of a setting, or the last cut of tissue (Ctrl+Z)"),
     redo: button("redo", "Redo the setting", () => say("redo"), "Redo (Ctrl+Shift+Z)"),
     folder: button("folder", "Open files", () => data.click(), "Open files instead; or drop them on the image"),
-    disk: button("disk", "Save the view", () => say("state"), "Download all settings and the camera as a file; Load opens it again"),
-    load: button("load", "Load a view", () => file.click(), "Load settings and a camera that were saved as a file"),
+    disk: button("disk", "Save view", () => say("state"), "Download all settings and the camera as a file; Load view opens it again"),
+    load: button("load", "Load view", () => file.click(), "Load settings and a camera that were saved as a file"),
     camera: button("camera", "Screenshot", () => say("picture"), "Download the image as it is shown (key P)"),
     film: button("film", "Movie", () => say("record"), "Record a movie; press again to stop and download it (key R)"),
     layers: button("layers", "Layers", () => open(layers.hidden), "List of layers: what is seen, and its colors"),
@@ -88,7 +88,7 @@
     const gap = () => make("hr", { "aria-hidden": "true" });
     tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.folder, of.load, of.disk, of.camera, of.film, gap(), of.layers, of.sliders, of.help, file, data);
     // Names below the icons, where the window is wide enough; the buttons' own names contain them
-    const words = { plane: "Plane", fit: "Fit", undo: "Undo", redo: "Redo", folder: "Open", load: "Load", disk: "Save", camera: "Screenshot", film: "Movie", layers: "Layers", sliders: "Inspector", help: "Help" };
+    const words = { plane: "Plane", fit: "Fit", undo: "Undo", redo: "Redo", folder: "Open", load: "Load view", disk: "Save view", camera: "Screenshot", film: "Movie", layers: "Layers", sliders: "Inspector", help: "Help" };
     const labels = [...Object.entries(choices).map(([name, made]) => [made, name.split(",")[0]]), ...Object.entries(words).map(([key, word]) => [of[key], word])];
     for (const [made, word] of labels) made.append(make("span", { class: "word", "aria-hidden": "true" }, word));
   };
@@ -160,7 +160,7 @@
     pen.fillRect(0, 0, x(a), h); pen.fillRect(x(b), 0, w - x(b), h);
     plot.setAttribute("aria-label", `Histogram of ${name}, ${short(lo)} to ${short(hi)}, logarithmic; colors from ${short(a)} to ${short(b)}`);
     plot.title = "How often each value occurs (logarithmic). Drag to choose the range of the colors.";
-    ends.replaceChildren(make("span", {}, short(lo)), make("span", {}, `${short(a)} … ${short(b)}`), make("span", {}, short(hi)));
+    ends.replaceChildren(make("span", {}, short(lo)), make("span", {}, a > lo || b < hi ? `colors ${short(a)} … ${short(b)}` : ""), make("span", {}, short(hi)));
   };
 
   // Curves: along the measured line, and over time
@@ -188,7 +188,7 @@
     if (at !== undefined && data.y[at] !== null && at < data.y.length) {
       pen.fillStyle = "#b3261e"; pen.beginPath(); pen.arc(px(data.x[at]), py(data.y[at]), 7, 0, 7); pen.fill();
       read.replaceChildren(make("span", {}, `at ${words(data.x[at], xUnit)}: ${words(data.y[at], yUnit)}`));
-    } else read.replaceChildren(make("span", {}, words(x0, xUnit)), make("span", {}, known.length ? `${short(lo)} … ${words(hi, yUnit)}` : "no particles here"), make("span", {}, words(x1, xUnit)));
+    } else read.replaceChildren(make("span", {}, words(x0, xUnit)), make("span", {}, known.length ? `height: ${short(lo)} … ${words(hi, yUnit)}` : "no particles here"), make("span", {}, words(x1, xUnit)));
     canvas.title = hint;
     canvas.setAttribute("aria-label", `${data.name} from ${words(x0, xUnit)} to ${words(x1, xUnit)}: ${known.length ? `${short(lo)} to ${words(hi, yUnit)}` : "no values"}`);
   };

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from ..._base.terminal import plain_number
+from ...data.attributes import attribute_values
 from ...render.frame import Picked
+from ..compare_source import Split
 from ..engine import Client
 from ..markdown import table
 from ..overlay import RED, Mark
@@ -157,6 +160,8 @@ class Hand:
             found = frame.pick(column, row)
             if found is None and (near := self._nearest(frame, column, row)) is not None:
                 found = frame.pick(*near)
+            if found is not None:
+                add_color(found, frame.part(column) if isinstance(frame, Split) else frame, self.viewer.state.color.by)
             before = self.viewer.source.probe(
                 self.viewer.state.snapshot(),
                 self.client.camera,
@@ -282,6 +287,18 @@ class Hand:
         if self._seen is None or self._seen[0] is not frame:
             self._seen = frame, frame.distance
         return self._seen[1]
+
+
+def add_color(found: Picked, frame: Any, by: str) -> None:
+    """Put the value that colors a picked particle first; its other attributes may not name it (speed)."""
+    if found.particle is None or by in ("", *"xyz", *found.attributes):
+        return
+    scene = frame._layers[found.layer].scene
+    with suppress(ValueError):  # another layer may not have it
+        own = {by: attribute_values(scene.particles[[found.particle]], by)[0]}
+        others = dict(found.attributes)
+        found.attributes.clear()
+        found.attributes.update(own | others)
 
 
 def titled(found: Picked, by: str, unit: str = "") -> str:
