@@ -148,7 +148,7 @@ def test_a_click_says_what_is_there_two_measure_and_buttons_cut(watched, page):
 
 
 def test_views_bookmarks_and_fit(watched, page):
-    viewer = watched.viewer
+    viewer, first = watched.viewer, page.client.camera
 
     def from_the(axis, sign) -> bool:
         away = np.subtract(page.client.camera.eye, page.client.camera.look_at)
@@ -156,7 +156,7 @@ def test_views_bookmarks_and_fit(watched, page):
 
     page.set("Look from", "left")
     until(lambda: from_the(0, -1))
-    page.set("Save view")
+    page.set("Add bookmark")
     kept = until(lambda: viewer.state.bookmarks.get("view 1"))
     page.command("Look from: top")
     until(lambda: from_the(1, 1))
@@ -169,6 +169,9 @@ def test_views_bookmarks_and_fit(watched, page):
     far = silhouette(watched.still(page))
     page.ask("fit")
     watched.still(page, lambda p: silhouette(p) > 1.2 * far)
+    page.command("First view")
+    until(lambda: page.client.camera == first, "for the view that the page began with")
+    assert page.client.first
 
 
 def test_parallel_rays(watched, page):

@@ -244,9 +244,15 @@ class Viewer:
         client = self.clients[browser.client_id]
         client.look(client.camera, size)
         if client.first:
-            self.move(browser, self._fitted(client, size[0] / size[1]), first=True)
+            self.reset(browser)
         elif not browser.moves:
             self.move(browser, client.camera)
+
+    def reset(self, browser: Any) -> None:
+        """Show a browser the first view again, which follows its window."""
+        client = self.clients[browser.client_id]
+        width, height = client.pacer.full
+        self.move(browser, self._fitted(client, width / height), first=True)
 
     def _fitted(self, client: Client, aspect: float) -> Camera:
         """The first camera for a window with bars."""

@@ -21,6 +21,7 @@ TEXT = """\
 | W A S D, Q E | fly forwards, left, back, right, down, up |
 | arrows, + and − | turn the camera, zoom |
 | F | fit the view to the scene |
+| 0 | the first view |
 | 1 … 6 | front, back, left, right, top, bottom |
 | O | perspective or orthographic |
 | C | cutting plane on and off |

@@ -24,6 +24,8 @@ class View(Panel):
     def build(self) -> None:
         """Make the widgets."""
         self.command("Fit all", "F", self.fit, True)
+        self.command("First view", "0", self.viewer.reset, True)
+        self.button("First view", self.viewer.reset, "The view that the page began with (key 0)", True)
         for label, views, keys in (("Look from", VIEWS[:3], "1, 2, 3"), ("", VIEWS[3:], "4, 5, 6")):
             hint = f"Show everything from a side (keys {keys})"
             group = self.gui.add_button_group(label, views, hint=hint, private=True)
@@ -32,7 +34,7 @@ class View(Panel):
         self.button("Perspective / orthographic", self.flatten, hint, True)
         with self.gui.add_folder("Bookmarks"):
             self.name = self.gui.add_text("Name", "view 1", hint="Of the view to save")
-            self.button("Save view", self.keep, "Keep this camera under the name above")
+            self.button("Add bookmark", self.keep, "Keep this camera under the name above")
             self.names = self.gui.add_dropdown("Go to", self._names(), hint="A saved view")
             chosen = self.names
             self.button("Go", lambda b: self.go(b, chosen.value), "Use the chosen view", True)
