@@ -166,6 +166,13 @@ def test_toolbar_layers_and_timeline_in_a_browser(chromium):
             "all => all.map(e => e.getAttribute('aria-label') || e.labels?.[0]?.innerText || e.innerText)"
         )
         assert all(name and name.strip() for name in names)
+        open_section(page, "Save")
+        desk.get_by_role("button", name="As command and Python").click()
+        dialog = page.get_by_role("dialog")
+        ends = [edges["x"] + edges["width"] for edges in (
+            dialog.get_by_role("button", name="Close").bounding_box(), dialog.bounding_box())]  # fmt: skip
+        assert ends[0] < ends[1]  # however long the lines of code are
+        page.keyboard.press("Escape")
         open_section(page, "Camera")
         camera = page.client.camera
         page.reload()  # camera, tool and section stay as they are
