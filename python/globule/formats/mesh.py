@@ -237,10 +237,10 @@ def _check_obj(path: str, file: IO[bytes]) -> None:
 
 def _check_stl(path: str, file: IO[bytes]) -> None:
     """Refuse a binary file that is shorter than its number of triangles: trimesh reads none."""
-    size, count = os.fstat(file.fileno()).st_size, file.read(84)[80:]
-    if len(count) < 4 or 0 not in count:  # text, or more than 16 million triangles
+    size, head = os.fstat(file.fileno()).st_size, file.read(84)
+    if len(head) < 84 or (head.startswith(b"solid") and 0 not in head):  # text
         return
-    n = int.from_bytes(count, "little")
+    n = int.from_bytes(head[80:], "little")
     if size < 84 + 50 * n:
         expected = f"expected {84 + 50 * n:,} bytes for the {n:,} triangles of its header"
         raise bad(path, "", f"{expected}, got {size:,}: the file is cut off")

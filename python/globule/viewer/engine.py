@@ -302,7 +302,7 @@ class Engine:
         while self._running:
             now, due = self.clock(), []
             quality = self.state.quality
-            found: tuple[bool, int, Plan] | None = None
+            found: tuple[bool, int, Client, Plan, tuple] | None = None
             for i in range(len(self.clients)):
                 client = self.clients[(self._turn + i) % len(self.clients)]
                 what, over = self._what(client), self._over(client)
@@ -310,13 +310,12 @@ class Engine:
                 if plan is None:
                     due.append(client.pacer.wake_at(now))
                 elif found is None or (found[0] and not client.pacer.gains(plan)):
-                    found = client.pacer.gains(plan), i, plan
+                    found = client.pacer.gains(plan), i, client, plan, what
             if found is not None:  # who waits for an image comes before who waits for samples
-                self._gains, i, plan = found
-                client = self.clients[(self._turn + i) % len(self.clients)]
+                self._gains, i, client, plan, what = found
                 client.since = None if plan.refine else now
                 self._turn = (self._turn + i + 1) % len(self.clients)
-                return client, plan, client.pacer.started(), self._what(client)
+                return client, plan, client.pacer.started(), what
             waits = [at - now for at in due if at is not None]
             self.wake.wait(max(0.001, min(waits)) if waits else None)
         return None
