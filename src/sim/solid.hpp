@@ -105,18 +105,21 @@ struct FindQuiet {
 /// substeps have not felt it, and would else feed the motions that are shorter than a step.
 struct Drag {
     static constexpr float kShare = 0.2f / 24.0f;  ///< of the difference, in a substep; a particle has some 24 bonds
-    const std::uint8_t *beside, *hold;             ///< null: no fluid is there
+    const float* response;  ///< of each particle, less than 1 beside a fluid; null: no fluid is there
     const Quad* velocity;
     float3* change;
 
-    GB_FN bool acts_on(std::uint32_t t) const { return beside && beside[t] & kWet && hold[t] == kFree; }
+    GB_FN bool acts_on(std::uint32_t t) const { return response && response[t] < 1.0f; }
+    /// Reads whatever the bond is, so that no load waits for another one.
     GB_FN void find(const Bonds& bonds, std::uint32_t t) const {
         const float3 own = velocity[t].xyz();
         float3 sum{0, 0, 0};
-        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock)
-            if (bonds.length[e] > 0.0f && acts_on(bonds.other[e])) sum = sum + velocity[bonds.other[e]].xyz() - own;
-        const float share = kShare;
-        change[t] = sum * share;
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+            const std::uint32_t o = bonds.other[e];
+            const float share = (bonds.length[e] > 0.0f) & (response[o] < 1.0f) ? kShare : 0.0f;
+            sum = sum + (velocity[o].xyz() - own) * share;
+        }
+        change[t] = sum;
     }
 };
 

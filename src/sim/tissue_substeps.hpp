@@ -56,7 +56,7 @@ template <class Exec> int TissueImpl<Exec>::take_solid_substeps(float whole_dt, 
     }
     const tissue::Felt felt = begin_felt(whole_dt, gravity);
     begin_rub();
-    const tissue::Drag drag{wet_ ? beside_.data() : nullptr, hold_.data(), velocity_.data(), drag_.data()};
+    const tissue::Drag drag{wet_ ? response_.data() : nullptr, velocity_.data(), drag_.data()};
     Quad *at = at_.data(), *next = next_.data();
     const int n_parts = asked > 0 ? 1 : std::max(ceil_div(substeps(whole_dt), kSubstepsOfPart), jumps(whole_dt));
     const float part_dt = whole_dt / float(n_parts);
