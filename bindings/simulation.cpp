@@ -78,6 +78,12 @@ void bind_simulation(nb::module_& m) {
             })
         .def(
             "scene", [](Simulation& s) { return core::PyScene{work([&] { return Inside::shared(s.scene())->core; })}; })
+        .def("snapshot",
+            [](Simulation& s, const std::string& device) {
+                return core::PyScene{work([&] { return Inside::snapshot(s, device); }), {}};
+            })
+        .def("take", [](Simulation& s, const core::PyScene& to,
+                         int drawn) { work([&] { Inside::take(s, to.core, core::sim::Drawn(drawn)); }); })
         .def("configure", [](Simulation& s, const nb::dict& d) { work([&, o = settings(d)] { s.configure(o); }); })
         .def("set_phase", [](Simulation& s, const nb::dict& d) { work([&, p = phase(d)] { s.set_phase(p); }); })
         .def(

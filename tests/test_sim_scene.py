@@ -1,5 +1,8 @@
 """What the scene of a simulation draws: the smooth surface of its fluids."""
 
+import gc
+from concurrent.futures import ThreadPoolExecutor
+
 import globule as gb
 import numpy as np
 import pytest
@@ -201,3 +204,67 @@ def test_an_image_reads_no_particles(monkeypatch):
     monkeypatch.setattr("globule.sim.arrays.Arrays.particles", lambda self: pytest.fail("read"))
     for what in (sim, sim.scene, [gb.Layer(sim.scene)]):
         assert gb.render(what, CAMERA, SIZE, settings).mask.any()
+
+
+def others(backend) -> list[str | None]:
+    """Devices for a snapshot: the simulation's own, and another GPU's where there is one."""
+    try:
+        second = ["cuda:1"] if gb.Scene(np.zeros((1, 3)), device="cuda:1") and backend["device"] == "cuda" else []
+    except RuntimeError:
+        second = []
+    return [None, *second]
+
+
+@pytest.mark.parametrize("name", ["brain-surgery", "water"])
+def test_a_snapshot_is_the_scene_of_its_time_while_steps_go_on(backend, name):
+    sim = simulation(backend) if name == "water" else gb.Simulation(name, spacing=0.008, **backend)
+    camera = CAMERA
+    if name != "water":
+        view = sim.file.view
+        camera = gb.Camera(view.eye, view.look_at, view.up, view.fov)
+    snapshots = [sim.snapshot(device) for device in others(backend)]
+    sim.run(0.02)
+    before = gb.render(sim, camera, SIZE)
+    for snapshot in snapshots:
+        snapshot.update()
+        assert (len(snapshot), snapshot.builds) == (len(sim), sim.n_steps)
+        assert (snapshot.surface, snapshot.support) == (sim.scene.surface, sim.scene.support)
+        assert len(snapshot.beside) == len(sim.scene.beside)
+    with ThreadPoolExecutor(1) as pool:
+        steps = pool.submit(sim.run, 0.02)
+        images = [gb.render(snapshot, camera, SIZE) for snapshot in snapshots]
+        steps.result()
+    after = gb.render(sim, camera, SIZE)
+    assert before.mask.any()
+    assert (before.image != after.image).any()
+    for snapshot, image in zip(snapshots, images, strict=True):
+        np.testing.assert_array_equal(image.image, before.image)
+        np.testing.assert_array_equal(image.distance, before.distance)
+        snapshot.update()
+        np.testing.assert_array_equal(gb.render(snapshot, camera, SIZE).image, after.image)
+    # What was there may come and go, and be drawn as balls.
+    sim.scene.surface = "balls"
+    sim.remove(sim.arrays.ids[::2])
+    image = gb.render(sim, camera, SIZE).image
+    for snapshot in snapshots:
+        snapshot.update()
+        assert (snapshot.surface, len(snapshot)) == ("balls", len(sim))
+        assert np.abs(gb.render(snapshot, camera, SIZE).image.astype(int) - image).max() <= 1
+
+
+def test_a_snapshot_outlives_its_simulation_and_refuses_what_is_the_simulations(backend):
+    sim = simulation(backend)
+    snapshot = sim.snapshot()
+    image = gb.render(sim, CAMERA, SIZE).image
+    with pytest.raises(TypeError, match=r"^update: "):
+        snapshot.update(np.zeros((3, 3)))
+    with pytest.raises(TypeError, match=r"^particles: "):
+        _ = snapshot.particles
+    with pytest.raises(AttributeError, match=r"^surface: "):
+        snapshot.surface = "balls"
+    with pytest.raises((ValueError, RuntimeError), match=r"device|cuda"):
+        sim.snapshot("cpu" if backend["device"] == "cuda" else "cuda")
+    assert np.array_equal(gb.render(snapshot, CAMERA, SIZE).image, image)
+    del sim
+    gc.collect()
+    assert np.array_equal(gb.render(snapshot, CAMERA, SIZE).image, image)

@@ -11,6 +11,7 @@
 #include "globule/frame.hpp"
 #include "globule/mesh.hpp"
 #include "globule/scene.hpp"
+#include "globule/simulation.hpp"
 #include "globule/tissue.hpp"
 
 namespace globule {
@@ -57,6 +58,11 @@ struct Inside {
         return f;
     }
     static Tissue tissue(core::Handle<core::Tissue> core);
+    /// A scene that can take a simulation's particles; chosen: null, or where its device goes.
+    GLOBULE_API static core::Handle<core::Scene> snapshot(
+        const Simulation& simulation, const std::string& device, Chosen* chosen = nullptr);
+    GLOBULE_API static void take(
+        const Simulation& simulation, const core::Handle<core::Scene>& to, core::sim::Drawn what);
 };
 
 struct Scene::Impl {
@@ -76,7 +82,8 @@ struct Scene::Impl {
     double support = 0, largest_support = 0;  ///< of all; 0 where each has its own, or where an array on a GPU tells it
     std::shared_ptr<const void> held;  ///< copies that the scene still reads, also for frames that outlive its handle
 
-    /// Of a simulation, which it keeps alive: its number of particles, behind the same gate.
+    bool of_snapshot = false;
+    /// Of a simulation, which it keeps alive, or of a snapshot: its number of particles, behind the same gate.
     std::shared_ptr<const std::size_t> n_of_owner;
 
     void update(const Particles& particles);

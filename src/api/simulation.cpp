@@ -122,11 +122,22 @@ core::sim::Pose pose(const char* name, const Matrix4& m) {
     return {column(0), column(1), column(2), column(3)};
 }
 
+/// A scene, and beside tissue those of fluids and of other things.
+std::array<core::Handle<core::Scene>, 3> with_beside(const core::Handle<core::Scene>& scene) {
+    const auto beside = [&](int k) {
+        return core::Handle<core::Scene>{
+            scene.backend(), {scene.object(), scene.call<&core::Scene::beside>(k)}, scene.gate()};
+    };
+    return {scene, beside(0), beside(1)};
+}
+
 }  // namespace
 
 struct Simulation::Impl {
     Chosen chosen;
-    core::Handle<core::Scene> scene, beside[2];  ///< fluids, and other things, beside tissue
+    int threads = 0;
+    Poll* poll = nullptr;
+    std::array<core::Handle<core::Scene>, 3> scenes;  ///< as with_beside
     core::Handle<core::Simulation> core;
 
     std::atomic<bool> stop{false};
@@ -173,6 +184,21 @@ struct Simulation::Impl {
         return std::ranges::any_of(
             phases, [&](const Phase& p) { return p.kind == kind && p.shown.value_or(kind != PhaseKind::boundary); });
     }
+    core::sim::Drawn drawn() const {
+        return shows(PhaseKind::tissue)  ? core::sim::Drawn::tissue
+               : shows(PhaseKind::fluid) ? core::sim::Drawn::smooth
+                                         : core::sim::Drawn::balls;
+    }
+    /// Shows the particles as they are in another scene; how many there are.
+    std::size_t take(const core::Handle<core::Scene>& to, std::optional<core::sim::Drawn> what = {}) const {
+        const core::Gates inside({core.gate().get(), to.gate().get()});
+        const auto [shown, exec] = call<&core::Simulation::look>(inside, what ? *what : drawn());
+        to.call_inside<&core::Scene::take>(inside, shown, exec);
+        return n;
+    }
+    /// Handles of what scenes show, as with_beside.
+    std::vector<Layer> layers(const std::array<core::Handle<core::Scene>, 3>& scenes, const Chosen& on,
+        const std::shared_ptr<const std::size_t>& n_of_owner) const;
     std::uint32_t add(const core::Gates& inside, const float* positions, std::size_t m, const float* velocities,
         core::float3 velocity, int phase) {
         const std::uint32_t first = call<&core::Simulation::add>(inside, m, positions, velocities, velocity, phase);
@@ -238,10 +264,11 @@ Simulation::Simulation(const SimulationSettings& settings, const SimulationOptio
     const std::vector<float> walls =
         o.walls ? box_walls(settings.domain, settings.spacing, settings.periodic) : std::vector<float>();
     s.chosen = choose(o.device);
-    s.scene = core::make_scene(*s.chosen.backend, s.chosen.index, threads, o.poll);
-    for (int k = 0; k < 2; ++k)  // before the simulation looks whom it has to show
-        s.beside[k] = {s.scene.backend(), {s.scene.object(), s.scene.call<&core::Scene::beside>(k)}, s.scene.gate()};
-    s.core = core::make_simulation(s.scene);
+    s.threads = threads;
+    s.poll = o.poll;
+    // Scenes beside are there before the simulation looks whom it has to show.
+    s.scenes = with_beside(core::make_scene(*s.chosen.backend, s.chosen.index, threads, o.poll));
+    s.core = core::make_simulation(s.scenes[0]);
     const core::Gates inside = s.gates();
     s.call<&core::Simulation::configure>(inside, sent);
     for (const Phase& p : phases) s.set_phase(inside, p);
@@ -450,26 +477,59 @@ Scene Simulation::scene() const { return layers()[0].scene; }
 std::vector<Layer> Simulation::layers() const {
     const Impl& s = Inside::of(*this, "simulation");
     const core::Gates inside = s.gates();
-    const bool tissue = s.shows(PhaseKind::tissue), fluid = s.shows(PhaseKind::fluid);
-    s.call<&core::Simulation::draw>(inside, tissue  ? core::sim::Drawn::tissue
-                                            : fluid ? core::sim::Drawn::smooth
-                                                    : core::sim::Drawn::balls);
+    s.call<&core::Simulation::draw>(inside, s.drawn());
+    return s.layers(s.scenes, s.chosen, {impl_, &s.n});
+}
+
+std::vector<Layer> Simulation::snapshot(const std::string& device, const std::vector<Layer>& into) const {
+    const Impl& s = Inside::of(*this, "simulation");
+    Chosen chosen = s.chosen;
+    core::Handle<core::Scene> scene;
+    if (into.empty()) {
+        scene = Inside::snapshot(*this, device, &chosen);
+    } else {
+        const Inside::SceneImpl& first = *Inside::shared(into[0].scene);
+        if (!first.of_snapshot) refuse("into", "what snapshot() returned", "another scene");
+        scene = first.core;
+        chosen = first.chosen;
+    }
+    const auto scenes = with_beside(scene);
+    const auto n = std::make_shared<const std::size_t>(s.take(scene));
+    const core::Gates inside = s.gates();
+    std::vector<Layer> all = s.layers(scenes, chosen, n);
+    for (const Layer& layer : all) Inside::shared(layer.scene)->of_snapshot = true;
+    return all;
+}
+core::Handle<core::Scene> Inside::snapshot(const Simulation& simulation, const std::string& device, Chosen* chosen) {
+    const Simulation::Impl& s = of(simulation, "simulation");
+    Chosen c = device.empty() ? s.chosen : choose(device);
+    if (c.backend != s.chosen.backend) refuse("device", "one of the kind of " + s.chosen.device.name, c.device.name);
+    if (chosen) *chosen = c;
+    return with_beside(core::make_scene(*c.backend, c.index, s.threads, s.poll))[0];
+}
+void Inside::take(const Simulation& simulation, const core::Handle<core::Scene>& to, core::sim::Drawn what) {
+    of(simulation, "simulation").take(to, what);
+}
+
+std::vector<Layer> Simulation::Impl::layers(const std::array<core::Handle<core::Scene>, 3>& scenes, const Chosen& on,
+    const std::shared_ptr<const std::size_t>& n_of_owner) const {
+    const bool tissue = shows(PhaseKind::tissue), fluid = shows(PhaseKind::fluid);
     const auto layer = [&](const core::Handle<core::Scene>& core, bool smooth, double spacing) {
         auto scene = std::make_shared<Inside::SceneImpl>();
         scene->core = core;
-        scene->chosen = s.chosen;
+        scene->chosen = on;
         scene->kernel = core::KernelName::murakami;
         scene->smooth = smooth;
         scene->threshold = smooth ? double(core::surface::kThreshold) : defaults_of(scene->kernel).threshold;
         scene->support = scene->largest_support = (smooth ? double(core::surface::kAxis) : 2.0) * spacing;
-        scene->n_of_owner = {impl_, &s.n};
+        scene->n_of_owner = n_of_owner;
         return Layer{Inside::scene(std::move(scene))};
     };
-    const double of_fluids = spacing_of(s.settings, PhaseKind::fluid);
-    std::vector<Layer> all{layer(s.scene, tissue || fluid, fluid && !tissue ? of_fluids : s.settings.spacing)};
-    if (tissue && fluid) all.push_back(layer(s.beside[0], true, of_fluids));
-    if (tissue && (s.shows(PhaseKind::boundary) || s.shows(PhaseKind::rigid)))
-        all.push_back(layer(s.beside[1], false, s.settings.spacing));
+    const double of_fluids = spacing_of(settings, PhaseKind::fluid);
+    std::vector<Layer> all{layer(scenes[0], tissue || fluid, fluid && !tissue ? of_fluids : settings.spacing)};
+    if (tissue && fluid) all.push_back(layer(scenes[1], true, of_fluids));
+    if (tissue && (shows(PhaseKind::boundary) || shows(PhaseKind::rigid)))
+        all.push_back(layer(scenes[2], false, settings.spacing));
     return all;
 }
 

@@ -194,6 +194,8 @@ struct Scene : Object {
         const RayParts& parts, const ShadowParts& shadow) = 0;
     /// For a simulation that works on this scene's octree.
     virtual SceneAccess share() = 0;
+    /// Shows copies of what another scene's exec holds, its simulation's; void*: that exec, of the same backend.
+    virtual void take(const SceneAccess::Shown& shown, void* exec) = 0;
     /// What its pictures show beside tissue as layers of their own: fluids (0), boundaries and rigid bodies (1). Owned
     /// by this scene.
     virtual Scene* beside(int which) = 0;

@@ -4,9 +4,11 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "backends/object.hpp"
+#include "backends/scene_access.hpp"
 #include "sim/sinks.hpp"
 #include "sim/energy.hpp"
 #include "sim/rigid.hpp"
@@ -90,6 +92,8 @@ struct Simulation : Object {
     virtual std::array<double, 6> force_on(int phase, float3 about) = 0;
     /// What the scene draws from now on; balls at first.
     virtual void draw(sim::Drawn what) = 0;
+    /// What is seen now, for Scene::take; and where that lies: the simulation's exec.
+    virtual std::pair<SceneAccess::Shown, void*> look(sim::Drawn what) = 0;
     /// The tissue, as the particles are now.
     virtual Tissue* tissue() = 0;
     virtual double time() = 0;

@@ -68,6 +68,8 @@ public:
     void let_caller_wait(std::uintptr_t) {}
     void copy_peer(void* to, const void* from, const AnyArray&, std::size_t bytes) { std::memcpy(to, from, bytes); }
 
+    void copy_from(const Cpu&, void* to, const void* from, std::size_t bytes) { copy(to, from, bytes); }
+
     /// Large arrays lie in large pages, where the system has them: a page of 4 KiB costs as much as filling it.
     void* allocate(std::size_t bytes) {
         const std::size_t unit = bytes < kLargePage ? 64 : kLargePage;

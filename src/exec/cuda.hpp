@@ -255,6 +255,11 @@ public:
         check(cudaStreamWaitEvent(reinterpret_cast<cudaStream_t>(where.stream), done_));  // it may write again
     }
 
+    /// From another one's memory, of this or another GPU.
+    void copy_from(const Cuda& other, void* to, const void* from, std::size_t bytes) {
+        check(cudaMemcpyPeerAsync(to, device_, from, other.device_, bytes, stream_));
+    }
+
     /// From the device's pool, which keeps some of what is released: asking the driver for the memory of a
     /// large volume takes as long as filling it.  The default stream waits for all others, and they for it.
     void* allocate(std::size_t bytes) {

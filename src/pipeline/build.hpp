@@ -100,9 +100,10 @@ public:
     }
     /// Instead of the shared tree, one smooth surface around particles of one spacing is drawn, or their balls; those
     /// at NaN are left out.
-    void draw_own(std::size_t n, const float* positions, float spacing, bool smooth = true) {
+    void draw_own(std::size_t n, const float* positions, float spacing, bool smooth) {
         const typename Exec::Stage stage("build");
         Exec& exec = *lanes_[0];
+        whole_ = false;
         if (!built_[1]) built_[1] = std::make_unique<Built<Exec>>(exec);
         now_ = 1;
         exec.mark(0);

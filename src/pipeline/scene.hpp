@@ -139,22 +139,35 @@ public:
 
     SceneAccess share() override {
         shared_ = true;
-        return {exec_.get(), &builder_.share(),
-            [this](const SceneAccess::Shown& s) {
-                if (s.smooth) builder_.draw_own(s.n, s.smooth, s.spacing);
-                else builder_.draw_shared();
-                look_like(s, {s.wetness, 0.0f});
-                const float* positions[2] = {s.fluids, s.things};
-                for (int k = 0; k < 2; ++k) {
-                    if (!positions[k] || !beside_[k]) continue;
-                    beside_[k]->builder_.draw_own(s.n, positions[k], k == 0 ? s.fluid_spacing : s.spacing, k == 0);
-                    beside_[k]->look_like(s, {nullptr, k == 0 ? 1.0f : 0.0f});
-                }
-            },
+        return {exec_.get(), &builder_.share(), [this](const SceneAccess::Shown& s) { show(s); },
             [this](std::function<void()> before_use) {
                 if (before_use) before_use_ = std::move(before_use);
                 else before_use_ = [] { throw Stale("scene: its simulation is gone"); };
             }};
+    }
+
+    void take(const SceneAccess::Shown& shown, void* exec) override {
+        Exec& from = *static_cast<Exec*>(exec);
+        SceneAccess::Shown mine = shown;
+        struct Part {
+            const float** data;
+            std::size_t n;
+        };
+        const Part parts[] = {{&mine.places, 3 * mine.n}, {&mine.fluids, 3 * mine.n}, {&mine.things, 3 * mine.n},
+            {&mine.color, 3 * mine.n}, {&mine.reflection, mine.n}, {&mine.refraction, mine.n}, {&mine.wetness, mine.n}};
+        std::size_t n = 0;
+        for (const Part& p : parts) n += *p.data ? p.n : 0;
+        shared_ = true;
+        float* to = reinterpret_cast<float*>(copies_.reserve(n * sizeof(float), device()));
+        exec_->follow(from);
+        for (const Part& p : parts) {
+            if (!*p.data) continue;
+            exec_->copy_from(from, to, *p.data, p.n * sizeof(float));
+            *p.data = to;
+            to += p.n;
+        }
+        from.follow(*exec_);
+        show(mine);
     }
 
     Scene* beside(int which) override {
@@ -189,6 +202,18 @@ private:
     Octree<Exec>& octree() const {
         if (!builder_.is_whole()) throw Stale("scene: its octree was not finished: update the scene first");
         return builder_.now().octree;
+    }
+    /// A simulation's particles.
+    void show(const SceneAccess::Shown& s) {
+        if (s.places) builder_.draw_own(s.n, s.places, s.spacing, s.smooth);
+        else builder_.draw_shared();
+        look_like(s, {s.wetness, 0.0f});
+        const float* positions[2] = {s.fluids, s.things};
+        for (int k = 0; k < 2; ++k) {
+            if (!positions[k] || !beside_[k]) continue;
+            beside_[k]->builder_.draw_own(s.n, positions[k], k == 0 ? s.fluid_spacing : s.spacing, k == 0);
+            beside_[k]->look_like(s, {nullptr, k == 0 ? 1.0f : 0.0f});
+        }
     }
     /// Colors and factors of a simulation's particles.
     void look_like(const SceneAccess::Shown& s, const Attribute& wetness) {
@@ -288,6 +313,7 @@ private:
     std::shared_ptr<FramePool<Exec>> frames_;
     std::function<void()> before_use_;
     std::unique_ptr<SceneImpl> beside_[2];  ///< fluids; boundaries and bodies
+    typename Exec::Lent copies_;            ///< of what take() shows
     std::uint64_t state_ = 0;               ///< counts what changes the picture
     bool shared_ = false;
 };

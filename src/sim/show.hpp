@@ -17,9 +17,9 @@ struct Show {
     const std::uint32_t* rank;  ///< of each id
     std::uint32_t* index;       ///< per slot
     float* weight;              ///< per slot; null: all are shown
-    float *smooth, *fluids,
+    float *places, *fluids,
         *things;   ///< by rank (n, 3): places of those that a surface is of, NaN for the others; null: not asked for
-    bool apart;    ///< fluids and things are not in `smooth`
+    bool apart;    ///< fluids and things are not in `places`
     float* color;  ///< by rank
     float *reflection, *refraction;
     GB_FN void operator()(std::size_t i) const {
@@ -32,10 +32,10 @@ struct Show {
         const bool fluid = p.kind == Kind::fluid, thing = !fluid && p.kind != Kind::tissue;
         for (int k = 0; k < 3; ++k) {
             color[3 * std::size_t(r) + k] = p.color[k];
-            const auto put = [&](float* places, bool is_of) {
-                if (places) places[3 * std::size_t(r) + k] = p.shown && is_of ? place[k] : NAN;
+            const auto put = [&](float* all, bool is_of) {
+                if (all) all[3 * std::size_t(r) + k] = p.shown && is_of ? place[k] : NAN;
             };
-            put(smooth, !apart || p.kind == Kind::tissue);
+            put(places, !apart || p.kind == Kind::tissue);
             put(fluids, fluid);
             put(things, thing);
         }

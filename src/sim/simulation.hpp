@@ -318,17 +318,34 @@ public:
         stale_ = true;
     }
 
+    std::pair<SceneAccess::Shown, void*> look(sim::Drawn what) override {
+        const Interrupt::Hold hold(exec_.interrupt());
+        return {seen(what, true), &exec_};
+    }
+
     Tissue* tissue() override {
         gather_tissue();
         return &tissue_;
     }
 
 private:
-    /// Brings the scene up to date: which particles are seen, in which color.
+    /// Brings the scene up to date.
     void show() {
         begin();
         if (!stale_) return;
         const Interrupt::Hold hold(exec_.interrupt());
+        const bool balls = drawn_ == sim::Drawn::balls;
+        const SceneAccess::Shown shown = seen(drawn_, !balls);
+        state_.tree().relabel(
+            rank_.data() + state_.next_id + 1, {balls && !all_shown() ? weight_.data() : nullptr, 1.0f});
+        access_.rebuilt(shown);
+        stale_ = false;
+    }
+    bool all_shown() const {
+        return std::ranges::all_of(state_.phase_table, [](const sim::Phase& p) { return p.shown != 0; });
+    }
+    /// Which particles are seen, in which color.
+    SceneAccess::Shown seen(sim::Drawn what, bool with_places) {
         const std::size_t n = state_.n;
         if (n == 0) state_.settle();  // no step builds the octree of nothing
         // Scenes know particles by their rank among the ids that are left.
@@ -336,15 +353,14 @@ private:
         std::uint32_t* index = rank + state_.next_id + 1;
         exec_.for_each(state_.next_id + 1, sim::IsThere{state_.slot_of(), state_.next_id, rank});
         exec_.exclusive_scan(std::size_t(state_.next_id) + 1, rank);
-        bool all_shown = true, mirrors = false, fluids = false, things = false;
+        bool mirrors = false, fluids = false, things = false;
         for (const sim::Phase& p : state_.phase_table) {
             if (p.shown) (p.kind == sim::Kind::fluid ? fluids : things) |= p.kind != sim::Kind::tissue;
-            all_shown &= p.shown != 0;
             mirrors |= p.reflection > 0.0f || p.refraction > 0.0f;
         }
-        const bool balls = drawn_ == sim::Drawn::balls, apart = drawn_ == sim::Drawn::tissue;
-        float* weight = all_shown || !balls ? nullptr : weight_.reserve(n + 64);
-        float* places = balls ? nullptr : shown_.reserve((apart ? 9 : 3) * n);
+        const bool balls = what == sim::Drawn::balls, apart = what == sim::Drawn::tissue;
+        float* weight = all_shown() || !balls ? nullptr : weight_.reserve(n + 64);
+        float* places = with_places ? shown_.reserve((apart ? 9 : 3) * n) : nullptr;
         float *of_fluids = apart && fluids ? places + 3 * n : nullptr,
               *of_things = apart && things ? places + 6 * n : nullptr;
         float* reflection = mirrors ? reflection_.reserve(2 * n) : nullptr;
@@ -356,11 +372,9 @@ private:
             exec_.clear(wetness, n * sizeof(float));
             tissue_.stain(rank, state_.slot_of(), blood, color_.data(), wetness);
         }
-        state_.tree().relabel(index, {weight, 1.0f});
         const float d = settings_.spacing, of_fluid = d * state_.size_of_fluid();
-        access_.rebuilt({n, places, of_fluids, of_things, apart ? d : of_fluid, of_fluid, color_.data(), reflection,
-            reflection ? reflection + n : nullptr, wetness, {blood[0], blood[1], blood[2]}});
-        stale_ = false;
+        return {n, places, of_fluids, of_things, !balls, apart || balls ? d : of_fluid, of_fluid, color_.data(),
+            reflection, reflection ? reflection + n : nullptr, wetness, {blood[0], blood[1], blood[2]}};
     }
 
     /// Kinetic energy that a solve gave: more than a fiftieth, and than what gravity gives in a step.

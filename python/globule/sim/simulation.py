@@ -30,7 +30,7 @@ from .runaway import Runaway
 from .scene_file import SceneFile
 from .scene_read import as_dict, errors_of, read_scene
 from .settings import MAX_PHASES, SETTINGS, Phase, StepReport
-from .simulation_scene import SimulationScene
+from .simulation_scene import SimulationScene, Snapshot
 from .solver import Solver
 from .steer import Steer
 from .steered import Named
@@ -378,6 +378,19 @@ class Simulation(Owner):
             if stop is not None and stop():
                 break
         return report
+
+    def snapshot(self, device: str | None = None) -> Snapshot:
+        """The particles as they are now, as a scene in memory of its own: images of it may be made
+        in one thread while another one runs the simulation; on two GPUs, neither waits.
+
+        Args:
+            device: "cuda", "cuda:1": another GPU; None: the simulation's own.
+
+        Raises:
+            ValueError: a device of another kind than the simulation's.
+        """
+        chosen = self.scene.device if device is None else choose(device)
+        return Snapshot(self.scene, chosen, self._lock)
 
     @property
     def time(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .._base.checks import choice, positive
+from .._base.device import Device
 from ..data.particles import HERE, UP, Particles
 from ..pieces.scene import Scene
 from ..scene.scene import DEFAULTS, KERNELS, SMOOTH_SUPPORT, SMOOTH_THRESHOLD
@@ -36,10 +37,13 @@ class SimulationScene(Scene):
         self._beside = (SceneBeside(self, FLUIDS), SceneBeside(self, THINGS))
 
     @property
-    def _scene(self) -> Any:
+    def _drawn(self) -> int:
         shown = self._smooth_kinds
-        drawn = TISSUE if "tissue" in shown else SMOOTH if "fluid" in shown else BALLS
-        self._solver.core.draw(drawn)
+        return TISSUE if "tissue" in shown else SMOOTH if "fluid" in shown else BALLS
+
+    @property
+    def _scene(self) -> Any:
+        self._solver.core.draw(self._drawn)
         return self._own
 
     @property
@@ -121,6 +125,68 @@ class SimulationScene(Scene):
     def update(self, *_: Any, **__: Any) -> None:
         """Refused: raises TypeError."""
         raise TypeError("update: the scene of a simulation follows its particles")
+
+
+class Snapshot(SimulationScene):
+    """The particles of a simulation as they were at the last `update()`, in memory of their own on
+    this or another GPU: an image may be made while the simulation goes on.
+
+        snapshot = sim.snapshot("cuda:1")
+        with ThreadPoolExecutor() as pool:
+            for _ in range(600):
+                snapshot.update()
+                steps = pool.submit(sim.run, 1 / 60)
+                image = gb.render(snapshot, camera).image  # of the time before these steps
+                steps.result()
+
+    It shows what `Simulation.scene` shows, and answers the same questions, but for `particles`.
+    """
+
+    def __init__(self, scene: SimulationScene, device: Device, lock: Any):
+        super().__init__(scene._solver, scene._arrays)
+        self._of, self._lock, self.device = scene, lock, device
+        self._own = self._solver.core.snapshot(device.name)
+        self.update()
+
+    def update(self, *given: Any, **named: Any) -> None:
+        """Show the particles as they are now, between two steps."""
+        if given or named:
+            raise TypeError("update: expected nothing, since a snapshot follows its simulation")
+        with self._lock:
+            kinds = self._of._shown_kinds
+            self._kinds, self._balls = kinds, self._of._balls
+            self._solver.core.take(self._own, self._drawn)
+            self._n, self._steps = len(self._solver), self._solver.core.n_steps()
+
+    @property
+    def _scene(self) -> Any:
+        return self._own
+
+    @property
+    def _shown_kinds(self) -> set[str]:
+        return self._kinds
+
+    @property
+    def surface(self) -> str:
+        """ "smooth" or "balls", as of `Simulation.scene` at the last update."""
+        return super().surface
+
+    @surface.setter
+    def surface(self, value: str) -> None:
+        raise AttributeError("surface: a snapshot's is that of its simulation's scene")
+
+    @property
+    def particles(self) -> Particles:  # type: ignore[override]
+        """Refused: raises TypeError."""
+        raise TypeError("particles: expected a simulation's, got those of a snapshot, which is for images")
+
+    def __len__(self) -> int:
+        return self._n
+
+    @property
+    def builds(self) -> int:  # type: ignore[override]
+        """Steps before the last update."""
+        return self._steps
 
 
 class SceneBeside(SimulationScene):
