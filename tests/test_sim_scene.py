@@ -206,7 +206,7 @@ def test_an_image_reads_no_particles(monkeypatch):
         assert gb.render(what, CAMERA, SIZE, settings).mask.any()
 
 
-def others(backend) -> list[str | None]:
+def devices(backend) -> list[str | None]:
     """Devices for a snapshot: the simulation's own, and another GPU's where there is one."""
     try:
         second = ["cuda:1"] if gb.Scene(np.zeros((1, 3)), device="cuda:1") and backend["device"] == "cuda" else []
@@ -215,16 +215,12 @@ def others(backend) -> list[str | None]:
     return [None, *second]
 
 
-@pytest.mark.parametrize("name", ["brain-surgery", "water"])
-def test_a_snapshot_is_the_scene_of_its_time_while_steps_go_on(backend, name):
-    sim = simulation(backend) if name == "water" else gb.Simulation(name, spacing=0.008, **backend)
-    camera = CAMERA
-    if name != "water":
-        view = sim.file.view
-        camera = gb.Camera(view.eye, view.look_at, view.up, view.fov)
-    snapshots = [sim.snapshot(device) for device in others(backend)]
+@pytest.mark.parametrize("others", [{}, {"solids": [BLOCK], "boundaries": [POST]}], ids=["water", "all"])
+def test_a_snapshot_is_the_scene_of_its_time_while_steps_go_on(backend, others):
+    sim = simulation(backend, **others)
+    snapshots = [sim.snapshot(device) for device in devices(backend)]
     sim.run(0.02)
-    before = gb.render(sim, camera, SIZE)
+    before = gb.render(sim, CAMERA, SIZE)
     for snapshot in snapshots:
         snapshot.update()
         assert (len(snapshot), snapshot.builds) == (len(sim), sim.n_steps)
@@ -232,24 +228,29 @@ def test_a_snapshot_is_the_scene_of_its_time_while_steps_go_on(backend, name):
         assert len(snapshot.beside) == len(sim.scene.beside)
     with ThreadPoolExecutor(1) as pool:
         steps = pool.submit(sim.run, 0.02)
-        images = [gb.render(snapshot, camera, SIZE) for snapshot in snapshots]
+        meanwhile = [gb.render(snapshot, CAMERA, SIZE) for snapshot in snapshots]
         steps.result()
-    after = gb.render(sim, camera, SIZE)
+    images = [gb.render(snapshot, CAMERA, SIZE) for snapshot in snapshots]
+    after = gb.render(sim, CAMERA, SIZE)
     assert before.mask.any()
+    if others:
+        assert set(np.unique(before._layer[before.mask])) == {0, 1, 2}
     assert (before.image != after.image).any()
+    for image in meanwhile:
+        np.testing.assert_array_equal(image.image, before.image)
     for snapshot, image in zip(snapshots, images, strict=True):
         np.testing.assert_array_equal(image.image, before.image)
         np.testing.assert_array_equal(image.distance, before.distance)
         snapshot.update()
-        np.testing.assert_array_equal(gb.render(snapshot, camera, SIZE).image, after.image)
+        np.testing.assert_array_equal(gb.render(snapshot, CAMERA, SIZE).image, after.image)
     # What was there may come and go, and be drawn as balls.
     sim.scene.surface = "balls"
     sim.remove(sim.arrays.ids[::2])
-    image = gb.render(sim, camera, SIZE).image
+    image = gb.render(sim, CAMERA, SIZE).image
     for snapshot in snapshots:
         snapshot.update()
         assert (snapshot.surface, len(snapshot)) == ("balls", len(sim))
-        assert np.abs(gb.render(snapshot, camera, SIZE).image.astype(int) - image).max() <= 1
+        assert np.abs(gb.render(snapshot, CAMERA, SIZE).image.astype(int) - image).max() <= 1
 
 
 def test_a_snapshot_outlives_its_simulation_and_refuses_what_is_the_simulations(backend):

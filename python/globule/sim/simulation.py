@@ -123,7 +123,7 @@ class Simulation(Owner):
         self.steer: Steer = Steer(solver)
         self._runaway = Runaway(solver, self.steer)
         self.arrays: Arrays = Arrays(solver, (self.steer, self.tissue))
-        self.scene = SimulationScene(solver, self.arrays)
+        self.scene = SimulationScene(solver, self.arrays, solver.traced, solver.device)
         self.foam: Foam = Foam(solver)
         self.record: Record = Record(solver, self.tissue, self.tools)
         for body in found:

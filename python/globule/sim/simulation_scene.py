@@ -27,9 +27,9 @@ class SimulationScene(Scene):
     draws balls of all that is shown, which takes a tenth of the time where there is tissue.
     """
 
-    def __init__(self, solver: Solver, arrays: Arrays):
+    def __init__(self, solver: Solver, arrays: Arrays, own: Any, device: Device):
         self._solver, self._arrays = solver, arrays
-        self._own, self.device = solver.traced, solver.device
+        self._own, self.device = own, device
         self.kernel = "murakami"
         self._kernel = KERNELS.index(self.kernel)
         self._chosen: float | None = None  # threshold
@@ -143,9 +143,9 @@ class Snapshot(SimulationScene):
     """
 
     def __init__(self, scene: SimulationScene, device: Device, lock: Any):
-        super().__init__(scene._solver, scene._arrays)
-        self._of, self._lock, self.device = scene, lock, device
-        self._own = self._solver.core.snapshot(device.name)
+        solver = scene._solver
+        super().__init__(solver, scene._arrays, solver.core.snapshot(device.name), device)
+        self._of, self._lock = scene, lock
         self.update()
 
     def update(self, *given: Any, **named: Any) -> None:
