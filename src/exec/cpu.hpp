@@ -157,6 +157,7 @@ public:
     public:
         void ask(Cpu&, const T* from) { value_ = *from; }
         const T* look() const { return &value_; }
+        const T& wait() const { return value_; }
 
     private:
         T value_{};
@@ -193,6 +194,9 @@ public:
     template <class Functor> void for_each_packet_team(std::size_t n, const Functor& functor) {
         for_each_packet(n, functor);
     }
+
+    /// All rounds of an iteration at once: not here.
+    template <class Rounds> bool for_rounds(std::size_t, bool, const Rounds&) { return false; }
 
     /// As for_each, for items of very different length.
     template <class Functor> void for_each_uneven(std::size_t n, const Functor& functor) {

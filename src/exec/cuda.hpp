@@ -3,6 +3,7 @@
 #include <cub/block/block_reduce.cuh>
 #include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_reduce.cuh>
+#include <cooperative_groups.h>
 #include <cub/device/device_scan.cuh>
 #include <cuda_runtime.h>
 #include <nvtx3/nvToolsExt.h>
@@ -91,6 +92,94 @@ __global__ void __launch_bounds__(kSumThreads)
     *arrived = 0;
     *out = sum;
     then(0);
+}
+
+/// All blocks of a launch, which are there at one time; what each wrote is there for the others then. The counter's
+/// highest bit turns, so that it need not be cleared.
+__device__ inline void meet_all(unsigned* arrived) {
+    __syncthreads();
+    if (threadIdx.x == 0) {
+        __threadfence();
+        const unsigned before = atomicAdd(arrived, blockIdx.x == 0 ? 0x80000000u - (gridDim.x - 1) : 1u);
+        while (((before ^ *reinterpret_cast<volatile unsigned*>(arrived)) & 0x80000000u) == 0) {}
+        __threadfence();
+    }
+    __syncthreads();
+}
+
+/// Rounds of an iteration, each two passes over the rows, a sum of what they found and a judgement, in one launch.
+/// Every block adds up all sums and judges by itself, with a copy of the state of its own: the same numbers in the same
+/// order. Blocks meet as a cluster, or else as a grid.
+inline constexpr int kRoundTeam = 4, kClusterBlocks = 16, kClusterGroups = 8;
+template <bool kCluster, class Rounds>
+__global__ void __launch_bounds__(32 * kRoundTeam * (kCluster ? kClusterGroups : 1))
+    run_rounds(std::size_t n, bool leads, Rounds given, typename Rounds::Sum* parts, unsigned* arrived) {
+    constexpr int kGroups = kCluster ? kClusterGroups : 1;
+    using Sum = typename Rounds::Sum;
+    using Team = CudaTeam<kRoundTeam, kGroups>;
+    constexpr unsigned all = 0xffffffffu;
+    __shared__ typename Rounds::State state;
+    __shared__ Sum sum, of_group[kGroups], of_block[kClusterBlocks];
+    wait_for_last_kernel();
+    const int lane = threadIdx.x % 32, warp = threadIdx.x / 32, group = warp / kRoundTeam,
+              n_groups = blockDim.x / (32 * kRoundTeam);
+    const std::size_t own = (std::size_t(blockIdx.x) * n_groups + group) * 32 + lane;
+    const std::size_t row = min(own, n - 1);  // the last one is done by more threads, which write the same
+    if (threadIdx.x == 0) state = *given.state();
+    __syncthreads();
+    const Rounds rounds = given.with(&state, &sum);
+    const auto meet = [&] {
+#if __CUDA_ARCH__ >= 900
+        if constexpr (kCluster) return cooperative_groups::this_cluster().sync();
+#endif
+        meet_all(arrived);
+    };
+    const auto add_up = [&](Sum s) {
+        for (int k = 16; k; k >>= 1) {
+            Sum other;
+            for (int i = 0; i < int(sizeof(Sum) / sizeof(double)); ++i)
+                reinterpret_cast<double*>(&other)[i] = __shfl_down_sync(all, reinterpret_cast<double*>(&s)[i], k);
+            s = Rounds::combine(s, other);
+        }
+        return s;
+    };
+    while (!state.done) {
+        if (leads) {
+            rounds.template lead<Team>(row);
+            meet();
+        }
+        leads = true;
+        rounds.template follow<Team>(row);
+        if (warp % kRoundTeam == 0) {
+            const Sum s = add_up(own < n ? rounds.item(own) : Sum{});
+            if (lane == 0) of_group[group] = s;
+        }
+        __syncthreads();
+        if (threadIdx.x < (kCluster ? gridDim.x : 1)) {
+            Sum s = of_group[0];
+            for (int g = 1; g < n_groups; ++g) s = Rounds::combine(s, of_group[g]);
+#if __CUDA_ARCH__ >= 900
+            if constexpr (kCluster)
+                cooperative_groups::this_cluster().map_shared_rank(of_block, threadIdx.x)[blockIdx.x] = s;
+            else
+#endif
+                parts[blockIdx.x] = s;
+        }
+        meet();
+        if (warp == 0) {
+            const Sum* found = kCluster ? of_block : parts;
+            Sum s{};
+            for (unsigned i = lane; i < gridDim.x; i += 32) s = Rounds::combine(s, found[i]);
+            s = add_up(s);
+            if (lane == 0) {
+                sum = s;
+                rounds.judge();
+            }
+        }
+        __syncthreads();
+    }
+    if (blockIdx.x == 0 && threadIdx.x == 0) *given.state() = state;
+    if constexpr (kCluster) meet();  // a block's memory stays until nobody writes there any more
 }
 
 inline constexpr int kWarpsPerBlock = 4;
@@ -358,6 +447,11 @@ public:
             check(cudaEventRecord(there_, exec.stream_));
             asked_ = true;
         }
+        /// What was asked for last; waits for no more than that.
+        const T& wait() const {
+            check(cudaEventSynchronize(there_));
+            return *room_;
+        }
         /// Null while it is on its way.
         const T* look() const { return asked_ && cudaEventQuery(there_) == cudaSuccess ? room_ : nullptr; }
 
@@ -453,6 +547,35 @@ public:
         launch(run_teams<kTeam, Functor>, ceil_div<std::size_t>(n, 32), 32 * kTeam, n, functor);
     }
 
+    /// All rounds of an iteration at once, where they are few rows; false: that is for the caller.
+    template <class Rounds> bool for_rounds(std::size_t n, bool leads, const Rounds& rounds) {
+        constexpr std::size_t kFew = 1 << 14;  ///< more rows take longer than what lies between launches
+        using Sum = typename Rounds::Sum;
+        static_assert(sizeof(Sum) % sizeof(double) == 0);
+        if (n == 0 || n > kFew) return false;
+        interrupt_->check();
+        if (can_overlap_ && n <= 32 * kClusterGroups * kClusterBlocks) {
+            const auto kernel = run_rounds<true, Rounds>;
+            static const bool fits = cluster_fits(kernel, kClusterBlocks, 32 * kRoundTeam * kClusterGroups);
+            const std::size_t groups = ceil_div<std::size_t>(n, 32 * kClusterBlocks),
+                              blocks = ceil_div<std::size_t>(n, 32 * groups);
+            if (fits) {
+                launch_as(cudaLaunchAttributeClusterDimension, kernel, blocks, unsigned(32 * kRoundTeam * groups), n,
+                    leads, rounds, nullptr, nullptr);
+                return true;
+            }
+        }
+        const auto kernel = run_rounds<false, Rounds>;
+        const std::size_t blocks = ceil_div<std::size_t>(n, 32);
+        int at_once = 0;
+        check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&at_once, kernel, 32 * kRoundTeam, 0));
+        if (blocks > std::size_t(at_once) * n_processors_) return false;
+        Sum* parts = reinterpret_cast<Sum*>(parts_.reserve(blocks * sizeof(Sum)));
+        launch_as(cudaLaunchAttributeCooperative, kernel, blocks, 32 * kRoundTeam, n, leads, rounds, parts,
+            met_.reserve_zero(1));
+        return true;
+    }
+
     /// CUB combines in an order that is the same from run to run.
     template <class T, class Map, class Combine>
     void reduce_in_order(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
@@ -504,7 +627,8 @@ private:
           temporary_(*this),
           next_(*this),
           parts_(*this),
-          arrived_(*this) {
+          arrived_(*this),
+          met_(*this) {
         const DeviceScope scope(device_);
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
         can_overlap_ = can_overlap();
@@ -520,16 +644,41 @@ private:
     /// A kernel starts while the one before it ends, where it waits for that by itself: a microsecond less between two.
     template <class... Parameters, class... Arguments>
     void launch(void (*kernel)(Parameters...), std::size_t blocks, unsigned threads, const Arguments&... arguments) {
-        cudaLaunchAttribute overlaps{};
-        overlaps.id = cudaLaunchAttributeProgrammaticStreamSerialization;
-        overlaps.val.programmaticStreamSerializationAllowed = 1;
+        launch_as(can_overlap_ ? cudaLaunchAttributeProgrammaticStreamSerialization : cudaLaunchAttributeIgnore, kernel,
+            blocks, threads, arguments...);
+    }
+    template <class... Parameters, class... Arguments>
+    void launch_as(cudaLaunchAttributeID how, void (*kernel)(Parameters...), std::size_t blocks, unsigned threads,
+        const Arguments&... arguments) {
+        cudaLaunchAttribute attribute{};
+        attribute.id = how;
+        if (how == cudaLaunchAttributeCooperative) attribute.val.cooperative = 1;
+        else if (how == cudaLaunchAttributeClusterDimension) attribute.val.clusterDim = {unsigned(blocks), 1, 1};
+        else attribute.val.programmaticStreamSerializationAllowed = 1;
         cudaLaunchConfig_t config{};
         config.gridDim = unsigned(blocks);
         config.blockDim = threads;
         config.stream = stream_;
-        config.attrs = &overlaps;
-        config.numAttrs = can_overlap_ ? 1 : 0;
+        config.attrs = &attribute;
+        config.numAttrs = how == cudaLaunchAttributeIgnore ? 0 : 1;
         check(cudaLaunchKernelEx(&config, kernel, arguments...));
+    }
+    template <class... Parameters>
+    static bool cluster_fits(void (*kernel)(Parameters...), unsigned blocks, unsigned threads) {
+        cudaLaunchAttribute attribute{};
+        attribute.id = cudaLaunchAttributeClusterDimension;
+        attribute.val.clusterDim = {blocks, 1, 1};
+        cudaLaunchConfig_t config{};
+        config.gridDim = blocks;
+        config.blockDim = threads;
+        config.attrs = &attribute;
+        config.numAttrs = 1;
+        int n = 0;
+        const bool fits =
+            cudaFuncSetAttribute(kernel, cudaFuncAttributeNonPortableClusterSizeAllowed, 1) == cudaSuccess &&
+            cudaOccupancyMaxActiveClusters(&n, kernel, &config) == cudaSuccess && n > 0;
+        if (!fits) cudaGetLastError();
+        return fits;
     }
     /// Whether wait_for_last_kernel does: code for older GPUs, translated for a new one, does not.
     static bool can_overlap() {
@@ -575,7 +724,7 @@ private:
     Buffer<char, Cuda> temporary_;
     Buffer<unsigned long long, Cuda> next_;
     Buffer<char, Cuda> parts_;
-    Buffer<unsigned, Cuda> arrived_;
+    Buffer<unsigned, Cuda> arrived_, met_;
 };
 
 }  // namespace globule::core

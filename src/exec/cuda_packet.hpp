@@ -109,16 +109,17 @@ private:
 };
 
 /// Several warps to 32 rows: each takes every team-th neighbor, and the first one adds up, in order.  A GPU that rows
-/// alone do not fill waits for memory less.
-template <int kTeam> struct CudaTeam : CudaPacket {
+/// alone do not fill waits for memory less.  A block has one or several such groups.
+template <int kTeam, int kGroups = 1> struct CudaTeam : CudaPacket {
     static constexpr std::uint32_t team = kTeam;
-    __device__ static std::uint32_t member() { return threadIdx.x / 32; }
+    __device__ static std::uint32_t member() { return threadIdx.x / 32 % kTeam; }
     /// A row's own share of a sum: once.
     __device__ static F own(F v) { return member() == 0 ? v : 0.0f; }
     /// The sums of the whole team, where true; the others have done their work.
     template <class... T> __device__ static bool add_up(T&... sums) {
-        __shared__ float parts[kTeam - 1][sizeof...(T)][32];
+        __shared__ float all[kGroups][kTeam - 1][sizeof...(T)][32];
         const std::uint32_t lane = threadIdx.x % 32, m = member();
+        auto& parts = all[kGroups == 1 ? 0 : threadIdx.x / (32 * kTeam)];
         int i = 0;
         if (m > 0) ((parts[m - 1][i++][lane] = sums), ...);
         __syncthreads();

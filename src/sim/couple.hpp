@@ -67,7 +67,8 @@ struct TakeVelocity {
 /// What each free particle is near to, within the lists' reach.
 enum Beside : std::uint8_t {
     kAlone,
-    kFluid,   ///< or a face of a cut that slid along this one
+    kFluid,
+    kFace,    ///< of a cut, that slid along this one
     kOther,   ///< body
     kWet = 4  ///< a bit: near to a fluid, whatever else
 };
@@ -85,7 +86,7 @@ struct Response {
 /// acts in the next step's substeps.
 struct Weigh {
     static constexpr float kLent =
-        0.3f;  ///< of the stiffness: more makes masses differ by more than the pressure solve bears
+        0.15f;  ///< of the stiffness: more makes masses differ by more than the pressure solve bears
 
     sim::State state;
     const std::uint32_t* slot;
@@ -245,7 +246,7 @@ template <class Packet> struct FindContacts {
                 if (kind == sim::Kind::rigid || other_body(t, o)) near = kOther;
                 else if (kind == sim::Kind::fluid) near = max(near, std::uint8_t(kFluid)), wet = kWet;
                 else if (slid(t, o, here - step.state.place[j].xyz())) {
-                    near = max(near, std::uint8_t(kFluid));
+                    near = max(near, std::uint8_t(kFace));
                     if (spared[t] < 0.0f) spared[t] = kAnyDensity;  // contact begins with the next step, which is short
                 }
                 continue;
@@ -255,7 +256,7 @@ template <class Packet> struct FindContacts {
                 max(step.phases[step.state.phase[slot]].friction, step.phases[step.state.phase[j]].friction), q.w,
                 step.spline);
         }
-        beside[t] = near | wet;
+        beside[t] = (wet && near == kFace ? std::uint8_t(kFluid) : near) | wet;  // what is wet is damped
         if (!(smooth.total > 0.0f)) return;
         const float by = 1.0f / smooth.total;
         const float3 u = smooth.velocity * by, out = normalize(smooth.sum);
@@ -301,7 +302,7 @@ struct CountAs {
     const std::uint32_t* slot;
     const std::uint8_t* beside;
     Response response;
-    float speed[3], springs;  ///< by what it is beside, m/s; of springs beside a fluid
+    float speed[4], springs;  ///< by what it is beside, m/s; of springs beside a fluid
     GB_FN void operator()(std::size_t t) const {
         if (slot[t] == sim::kGone) return;
         const bool stiff = beside[t] & kWet && !(response(t) < 1.0f);

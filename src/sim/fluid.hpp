@@ -79,6 +79,7 @@ public:
                 {state_.tree().particles(), h, state_.sizes()}, lists_, state_.view().place, state_.period(), longest};
             exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width), find);
         });
+        longest_.ask(exec_, longest);
         started_ = true;
     }
     /// Positions, rows or the support are others than when lists were begun.
@@ -88,7 +89,7 @@ public:
         for (bool enough = false; !enough;) {
             if (!started_) start_lists();
             started_ = false;
-            exec_.download(&longest_list_, most_count_.data(), 4);
+            longest_list_ = longest_.wait();
             enough = longest_list_ <= places_;
             if (!enough) places_ = ceil_div(longest_list_ + longest_list_ / 4, 8u) * 8;
         }
@@ -201,29 +202,36 @@ public:
             sim::Undo{lists_.rows, before_.data(), state_.view().velocity, state_.view().divergence_impulse});
     }
 
-    sim::Progress correct_divergence(float dt, RigidSolve<Exec>& bodies) {
+    void correct_divergence(float dt, RigidSolve<Exec>& bodies) {
         const Criterion all{
             std::min(kVelocityAim * settings_.divergence_error, kMostVelocityAim), kOver, kOverShare, kMost};
-        return solve({rows_.alpha, state_.view().divergence_impulse, 0.0f, all, 1, false, rows_.bulk, -kAtmosphere * dt,
-                         1.0f, kOmega, 1.0f},
-            dt, divergence_took_, &bodies)
-            .progress;
+        solve({rows_.alpha, state_.view().divergence_impulse, 0.0f, all, 1, false, rows_.bulk, -kAtmosphere * dt, 1.0f,
+                  kOmega, 1.0f},
+            dt, outcome_of(sim::Solved::velocities), divergence_took_, &bodies);
     }
     /// Of the velocities that are there now, which are kept.  The outcome has the kinetic energy before and after the
     /// first solve.
-    sim::Outcome correct_density(float dt) {
+    void correct_density(float dt) {
         keep(kept_);
+        sim::Outcome* outcome = outcome_of(sim::Solved::places);
         exec_.reduce_in_order(lists_.n_rows, sim::KineticOf{rows_.inverse_rho, kicked_.data(), kept_.data()},
-            sim::AddKinetic{}, sim::Kinetic{}, &outcome_.reserve_zero(1)->kinetic);
+            sim::AddKinetic{}, sim::Kinetic{}, &outcome->kinetic);
         const double mean = kAim * settings_.density_error;
         const Criterion all{mean, kOver, kLiftShare, std::max(kLiftMost, kLiftLeast / mean)};
-        const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false,
-                                           rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f},
-            dt, density_took_, nullptr);
+        moved_apart_ = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false, rows_.bulk,
+                                 0.0f, 0.0f, kOmegaPlain, 0.0f},
+            dt, outcome, density_took_, nullptr);
         exec_.for_each(lists_.n_rows, sim::LimitPush{lists_.rows, kept_.data(), kMostPush * settings_.spacing / dt,
                                           state_.sizes(), state_.view().velocity});
-        return out;
     }
+    /// Of that solve; may wait for the device.
+    sim::Kinetic kinetic() {
+        if (!moved_apart_)
+            exec_.download(&moved_apart_.emplace(), outcome_of(sim::Solved::places), sizeof(sim::Outcome));
+        return moved_apart_->kinetic;
+    }
+    /// Of both solves of the step, on the device: of places there may have been none.
+    const sim::Outcome* outcomes() { return outcome_of(sim::Solved::velocities); }
     /// After the move: the velocities of the first solve.
     void end_split(float dt) {
         exec_.for_each(lists_.n_rows, sim::EndSplit{lists_.rows, kept_.data(), before_.data(), 1.0f / dt,
@@ -239,7 +247,7 @@ public:
         return c.n_free <= free * c.n && c.density >= sim::kLeastFilling * c.n;
     }
     /// Velocities without divergence, of fluid that fills its space; the next move shifts.
-    sim::Progress correct_filled(float dt, RigidSolve<Exec>& bodies) {
+    void correct_filled(float dt, RigidSolve<Exec>& bodies) {
         filled_ = true;
         const sim::State s = state_.view();
         Quad* diagonal = direction_.reserve(state_.n + 64);
@@ -254,10 +262,9 @@ public:
                                                  plain, state_.spline().support, state_.lattice_squares()});
         exec_.clear(s.growth, 4 * state_.n);
         const Criterion mean{sim::kFilledAim * settings_.divergence_error, kOver, 1.0, infinity()};
-        return solve({rows_.alpha, s.divergence_impulse, 0.0f, mean, settings_.least_iterations, true, nullptr,
-                         -infinity(), 1.0f, kOmega, 1.0f},
-            dt, divergence_took_, &bodies)
-            .progress;
+        solve({rows_.alpha, s.divergence_impulse, 0.0f, mean, settings_.least_iterations, true, nullptr, -infinity(),
+                  1.0f, kOmega, 1.0f},
+            dt, outcome_of(sim::Solved::velocities), divergence_took_, &bodies);
     }
     /// Velocities that lead particles from where they are dense, for one move; what was theirs is kept.
     void shift(float dt) {
@@ -280,7 +287,7 @@ public:
     void push_by_density(float dt, RigidSolve<Exec>& bodies) {
         const sim::State s = state_.view();
         float* change = change_.reserve(state_.n + 64);
-        sim::Progress* progress = &outcome_.reserve_zero(1)->progress;
+        sim::Progress* progress = &outcome_of(sim::Solved::velocities)->progress;
         exec_.clear(progress, sizeof *progress);
         exec_.clear(change, 4 * (state_.n + 64));
         exec_.clear(s.growth, 4 * state_.n);
@@ -408,9 +415,10 @@ private:
         float share;        ///< of the last pressure that it starts with
         float omega, momentum;
     };
-    /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as
-    /// many.  `bodies`: those that give way, or null.
-    sim::Outcome solve(const Aim& aim, float dt, int& took, RigidSolve<Exec>* bodies) {
+    /// What came of it, where the host had to look.  `took`: iterations of the last solve of this kind; on the device
+    /// the host looks at the progress only after as many.  `bodies`: those that give way, or null.
+    std::optional<sim::Outcome> solve(
+        const Aim& aim, float dt, sim::Outcome* outcome, int& took, RigidSolve<Exec>* bodies) {
         const std::size_t n = lists_.n_rows;
         const sim::State s = state_.view();
         const float inverse_support = state_.spline().inverse;
@@ -419,7 +427,6 @@ private:
         float* turn = error + n + 64;
         float* iterate = iterate_.reserve(n + 64);
         sim::Residuals* found = residuals_.reserve(1);
-        sim::Outcome* outcome = outcome_.reserve_zero(1);
         sim::Progress* progress = &outcome->progress;
         exec_.clear(progress, sizeof *progress);
         exec_.clear(change, 4 * (state_.n + 64));
@@ -438,27 +445,31 @@ private:
             std::uint32_t(aim.iterations), most_iterations(), settings_.most_iterations == 0, aim.momentum, there,
             settings_.density_error, progress};
         const sim::ResidualsOf residuals{error, turn, float(c.over * c.mean / dt), there};
-        sim::Outcome out{};
-        sim::Progress& p = out.progress;
-        int at_once = Exec::on_device ? max(took, aim.iterations) : 1;
+        std::optional<sim::Outcome> out;
         bool pushes = aim.share > 0.0f;  // else P is 0 yet
-        do {
-            for (int i = 0; i < at_once; ++i) {
-                if (pushes) exec_.for_each_packet_team(n, push);
-                if (pushes && bodies) bodies->push_back(*this, change, progress);
-                pushes = true;
-                exec_.for_each_packet_team(n, relax);
-                exec_.reduce_in_order(n, residuals, sim::AddResiduals{}, sim::Residuals{}, found, judge);
-            }
-            exec_.download(&out, outcome, sizeof out);
-            at_once = max(1, int(p.iterations) / 4);
-        } while (!p.done);
-        took = int(p.iterations);
+        const bool alone = !bodies || bodies->none();
+        if (!alone || !exec_.for_rounds(n, pushes, sim::Rounds<Packet>{push, relax, residuals, judge})) {
+            int at_once = Exec::on_device ? max(took, aim.iterations) : 1;
+            do {
+                for (int i = 0; i < at_once; ++i) {
+                    if (pushes) exec_.for_each_packet_team(n, push);
+                    if (pushes && !alone) bodies->push_back(*this, change, progress);
+                    pushes = true;
+                    exec_.for_each_packet_team(n, relax);
+                    exec_.reduce_in_order(n, residuals, sim::AddResiduals{}, sim::Residuals{}, found, judge);
+                }
+                exec_.download(&out.emplace(), outcome, sizeof *outcome);
+                at_once = max(1, int(out->progress.iterations) / 4);
+            } while (!out->progress.done);
+            took = int(out->progress.iterations);
+        }
         if (bodies) bodies->end_pressure();
         if (aim.share > 0.0f)
             exec_.for_each(n, sim::Applied{lists_.rows, aim.impulse, change, 1.0f / dt, flux(), s.pressure});
         return out;
     }
+    /// Of the solves of a step, on the device.
+    sim::Outcome* outcome_of(sim::Solved which) { return outcome_.reserve_zero(2) + int(which); }
 
     std::uint32_t most_iterations() const {
         return settings_.most_iterations > 0 ? settings_.most_iterations : settings_.kIterations;
@@ -561,6 +572,7 @@ private:
     std::size_t n_alone_ = 0;
     bool filled_ = false, started_ = false;
     int divergence_took_ = 1, density_took_ = 1;
+    std::optional<sim::Outcome> moved_apart_;
     Buffer<std::uint32_t, Exec> list_counts_, list_index_, kept_rows_, kept_lists_;
     Buffer<float, Exec> kept_within_;
     Buffer<sim::Pairs<Packet>, Exec> list_pairs_;
@@ -573,6 +585,7 @@ private:
     Buffer<Quad, Exec> kept_, before_, kicked_;
     Buffer<sim::Compression, Exec> compression_;
     Buffer<std::uint32_t, Exec> most_count_;
+    typename Exec::template Answer<std::uint32_t> longest_;
     Buffer<sim::Drag, Exec> drags_;
     Buffer<float, Exec> cohesion_, diagonal_;
     Buffer<Quad, Exec> residual_, direction_, applied_;

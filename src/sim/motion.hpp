@@ -3,6 +3,7 @@
 #include "sim/density.hpp"
 #include "sim/fill.hpp"
 #include "sim/sizes.hpp"
+#include "sim/split.hpp"
 
 namespace globule::core::sim {
 
@@ -255,16 +256,19 @@ struct Summary {
     std::uint32_t n_rows, n_outside, not_a_number;
     std::uint32_t n_nodes, n_wanted;  ///< of the octree: it had less room than it needed where they differ
     Compression compression;          ///< of the positions that the step began with
+    Outcome solves[2];                ///< of velocities, of places
 };
 struct Summarize {
     const Speeds* speeds;
     const std::uint32_t *n_rows, *not_a_number;
     const TreeHeader* header;
     const Compression* compression;  ///< or null
+    const Outcome* solves;           ///< or null
     Summary* out;
     GB_FN void operator()(std::size_t) const {
         *out = {*speeds, *n_rows, header->n_outside, *not_a_number, header->n_nodes, header->n_wanted,
-            compression ? *compression : Compression{}};
+            compression ? *compression : Compression{}, {}};
+        for (int k = 0; k < 2 && solves; ++k) out->solves[k] = solves[k];
     }
 };
 

@@ -166,8 +166,9 @@ public:
     }
 
     /// What the host needs to know before the next step; waits for the device.  `ahead`: where fluids count by how they
-    /// approach others; `compression`: of the step that ends, or null.
-    void summarize(const sim::Ahead* ahead, float gravity, float far, const sim::Compression* compression) {
+    /// approach others; `compression`, `solves` (2): of the step that ends, or null.
+    void summarize(const sim::Ahead* ahead, float gravity, float far, const sim::Compression* compression,
+        const sim::Outcome* solves) {
         const sim::State s = view();
         const TreeHeader* header = tree_.view().header;
         float* limiting2 = nullptr;
@@ -183,8 +184,8 @@ public:
             sim::SpeedsOf{s.velocity, limiting2, s.growth, s.place, s.pressure, sizes(), gravity, far, header},
             sim::Fastest{}, sim::Speeds{0.0f, 0.0f, 0.0f}, speeds_.reserve(1));
         sim::Summary* out = summary_.reserve(1);
-        exec_.for_each(
-            1, sim::Summarize{speeds_.data(), flags_.data() + n, not_a_number_.data(), header, compression, out});
+        exec_.for_each(1,
+            sim::Summarize{speeds_.data(), flags_.data() + n, not_a_number_.data(), header, compression, solves, out});
         exec_.download(&summary, out, sizeof summary);
         n_rows = summary.n_rows;
         if (summary.n_wanted > summary.n_nodes) tree_.header();  // the next build makes room

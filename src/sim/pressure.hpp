@@ -219,4 +219,28 @@ struct Judge {
     }
 };
 
+/// One iteration: push, relax, judge.
+template <class Packet_> struct Rounds {
+    using State = Progress;
+    using Sum = Residuals;
+    Push<Packet_> push;
+    Relax<Packet_> relax;
+    ResidualsOf residuals;
+    Judge judges;
+
+    GB_FN Progress* state() const { return judges.progress; }
+    /// With another state and sum.
+    GB_FN Rounds with(Progress* progress, const Residuals* found) const {
+        Rounds r = *this;
+        r.push.progress = r.relax.progress = r.judges.progress = progress;
+        r.judges.found = found;
+        return r;
+    }
+    template <class Packet> GB_FN void lead(std::size_t row) const { push.template run<Packet>(row); }
+    template <class Packet> GB_FN void follow(std::size_t row) const { relax.template run<Packet>(row); }
+    GB_FN Residuals item(std::size_t row) const { return residuals(row); }
+    GB_FN static Residuals combine(const Residuals& a, const Residuals& b) { return AddResiduals{}(a, b); }
+    GB_FN void judge() const { judges(0); }
+};
+
 }  // namespace globule::core::sim

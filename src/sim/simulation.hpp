@@ -189,10 +189,8 @@ public:
                 mark("pressure");
             } else if (tissue_.n() == 0 && !settings_.fine_fluids && fluid_.fills_its_space()) {
                 push(dt, r);
-                const sim::Progress divergence = fluid_.correct_filled(dt, bodies_.solve());
+                fluid_.correct_filled(dt, bodies_.solve());
                 mark("pressure");
-                r.iterations = int(divergence.iterations);
-                r.error = divergence.error;
             } else {
                 split = true;
                 fluid_.keep_before();
@@ -201,7 +199,7 @@ public:
                 for (const int n_marks = n_marks_;; n_marks_ = n_marks) {
                     push(dt, r);
                     fluid_.keep_kicked();
-                    const sim::Progress divergence = fluid_.correct_divergence(dt, bodies_.solve());
+                    fluid_.correct_divergence(dt, bodies_.solve());
                     mark("divergence");
                     tissue_.feel_pressure(context(dt));
                     rub(dt);
@@ -209,15 +207,9 @@ public:
                     tissue_.hold_on(state_.view(), dt);
                     bodies_.turn(dt);
                     contact(dt, true);
-                    const sim::Outcome density = fluid_.correct_density(dt);
+                    fluid_.correct_density(dt);
                     mark("pressure");
-                    r.iterations = int(density.progress.iterations);
-                    r.error = density.progress.error;
-                    r.most_error = density.progress.most;
-                    r.divergence_iterations = int(divergence.iterations);
-                    r.divergence_error = divergence.error;
-                    r.most_divergence_error = divergence.most;
-                    if (!may_undo || r.n_halved == kMostHalvings || !is_given(density.kinetic, dt)) break;
+                    if (!may_undo || r.n_halved == kMostHalvings || !is_given(fluid_.kinetic(), dt)) break;
                     fluid_.undo();
                     dt *= 0.5f;
                     r.dt = double(dt);
@@ -233,7 +225,19 @@ public:
         if (others) state_.settle();
         else state_.settle_positions();
         tissue_.moved();
-        summarize(r.n_solved > 0 ? fluid_.compression() : nullptr);
+        const bool solved = r.n_solved > 0;
+        summarize(solved ? fluid_.compression() : nullptr,
+            solved && !settings_.weakly_compressible ? fluid_.outcomes() : nullptr);
+        const sim::Progress &velocities = state_.summary.solves[0].progress,
+                            &places = state_.summary.solves[1].progress, &whole = split ? places : velocities;
+        r.iterations = int(whole.iterations);
+        r.error = whole.error;
+        if (split) {
+            r.most_error = places.most;
+            r.divergence_iterations = int(velocities.iterations);
+            r.divergence_error = velocities.error;
+            r.most_divergence_error = velocities.most;
+        }
         mark("octree");
         if (Exec::on_device && state_.n_rows > 0) {
             exec_.mark(kListMark);
@@ -406,10 +410,10 @@ private:
     }
     bool by_approach() { return tissue_.n() > 0 && !settings_.weakly_compressible && !state_.period().any(); }
     /// Beside tissue, whose every step is dear, a fluid in free fall does not shorten the steps.
-    void summarize(const sim::Compression* compression = nullptr) {
+    void summarize(const sim::Compression* compression = nullptr, const sim::Outcome* solves = nullptr) {
         const sim::Ahead ahead{float(longest_step()), float(farthest_move())};
         state_.summarize(
-            by_approach() ? &ahead : nullptr, length(settings_.gravity), float(farthest_move()), compression);
+            by_approach() ? &ahead : nullptr, length(settings_.gravity), float(farthest_move()), compression, solves);
     }
 
     /// Of lists that are there, until particles move.

@@ -80,6 +80,8 @@ struct AddKinetic {
     }
 };
 
+/// The solves of a step; where a fluid fills its space, the first one alone.
+enum class Solved : int { velocities, places };
 /// What the host learns of a solve.
 struct Outcome {
     Progress progress;

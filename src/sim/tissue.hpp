@@ -281,7 +281,7 @@ public:
         const float substep = far * float(fastest_);
         exec_.for_each(
             n_, tissue::CountAs{state, slot_.data(), beside_.data(), response(),
-                    {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByOthers}, substep / kSubstepsOfSprings});
+                    {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByFace, substep / kSubstepsByOthers}, substep / kSubstepsOfSprings});
     }
     /// What the last step owes to solids: no velocity shows it.
     sim::Impulse owed() {
@@ -292,9 +292,15 @@ public:
         exec_.download(&sum, out, sizeof sum);
         return sum;
     }
-    /// Before the forces.
+    /// Before the forces.  The device looks for the strain first, so that the host, which counts the substeps by it,
+    /// need not wait.
     void take_velocities(const sim::State& state) {
+        if (n_ == 0) return;
         exec_.for_each(n_, tissue::TakeVelocity{state, slot_.data(), hold_.data(), velocity_.data()});
+        if (!is_solid_) return;
+        prepare_solid();
+        ask_strain(at_.data());
+        asked_strain_ = true;
     }
     /// After the forces: the bonds' substeps, into the state's velocities.
     void push(const sim::State& state, float dt, const float3& gravity) {
@@ -341,7 +347,7 @@ private:
     static constexpr double kBorne = 1.5, kMostStiffening = 256.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
     /// Of a step, where tissue is beside these; beside a fluid, of springs.
-    static constexpr float kSubstepsByFluid = 6.0f, kSubstepsByOthers = 2.0f, kSubstepsOfSprings = 4.0f;
+    static constexpr float kSubstepsByFluid = 8.0f, kSubstepsByFace = 6.0f, kSubstepsByOthers = 2.0f, kSubstepsOfSprings = 4.0f;
     static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f,
                            kMostJumps =
                                4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
@@ -351,7 +357,7 @@ private:
                            kWetWithin = 1.0f;  ///< share of the last pressure that acts in the substeps; beside a fluid
     static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
-    static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
+    using FirstDrops = std::array<tissue::Drop, 64>;   ///< that come together with their number
 
     tissue::Bonds bonds() {
         return {n_, first_.data(), other_.data(), length_.data(), stiffness_.data(), vessel_.data(), scarred_.data(),
@@ -393,7 +399,10 @@ private:
     /// How many times as many substeps as at rest the next ones of `dt` seconds need.  They are stable up to four times
     /// the stiffness at rest; the stiffest particle tells how much more there is, and the pair that strains fastest how
     /// much may come until this is asked again.
-    double hurry(const Quad* at, float dt);
+    double hurry(float dt) const;
+    /// Begins to find these two.
+    void ask_strain(const Quad* at);
+    void prepare_solid();
     /// In how many parts a step's strain is looked at, so that what grasps hold does not jump away from its neighbors
     /// before.
     int jumps(float dt) const;
@@ -478,10 +487,13 @@ private:
     Buffer<std::uint32_t, Exec> label_, least_id_, piece_, count_, of_id_;
     Buffer<tissue::GridPoint, Exec> vertices_;
     Buffer<std::uint32_t, Exec> triangles_;
+    typename Exec::template Answer<FirstDrops> first_drops_;
     Buffer<tissue::Drop, Exec> asking_, found_;  ///< the first of found: how many are found (t) and ask (vessel)
     Buffer<std::uint32_t, Exec> spent_;
     Buffer<double, Exec> energy_;
     Buffer<tissue::Strained, Exec> strained_;
+    typename Exec::template Answer<tissue::Strained> most_strained_;
+    bool asked_strain_ = false;  ///< of where the substeps begin
     std::function<void()> before_use_;
     bool broken_ = false;
     bool is_solid_ = false, corrected_ = false;  ///< not bonds alone; no bond went since the corrections

@@ -26,7 +26,8 @@ void TissueImpl<Exec>::bleed(const Tree& tree, const SortedParticles& particles,
         if (vessels_[v].pool >= drop_volume()) bleeds_ = true, flowing.speed[v + 1] = vessels_[v].speed;
     bleeds_ &= n_scars_ > 0;
     if (!bleeds_) return;
-    tissue::Drop *asking = asking_.reserve(n_), *found = found_.reserve(n_ + 1);
+    tissue::Drop *asking = asking_.reserve(n_),
+                 *found = found_.reserve(std::max(std::size_t(n_) + 1, std::tuple_size_v<FirstDrops>));
     exec_.clear(found, sizeof *found);
     std::uint8_t* open = open_.reserve(tissue::kMaxVessels + 1);
     exec_.clear(open, tissue::kMaxVessels + 1);
@@ -38,13 +39,14 @@ void TissueImpl<Exec>::bleed(const Tree& tree, const SortedParticles& particles,
                            whose_.data(), open, &found->vessel, asking});
     exec_.for_each_tile_of(&found->vessel, tissue::FindRoom{tree, particles, asking, velocity_.data(), flowing, sizes,
                                                contact_, size_of_fluid_, &found->t, found + 1});
+    first_drops_.ask(exec_, reinterpret_cast<const FirstDrops*>(found));
 }
 
 template <class Exec> std::vector<tissue::Drop> TissueImpl<Exec>::drops() {
     std::vector<tissue::Drop> out;
     if (!bleeds_) return out;
-    std::vector<tissue::Drop> found(std::min<std::size_t>(kDropsToBegin, n_ + 1));  // first of all, how many there are
-    exec_.download(found.data(), found_.data(), found.size() * sizeof found[0]);
+    const FirstDrops& first = first_drops_.wait();
+    std::vector<tissue::Drop> found(first.begin(), first.end());  // first of all, how many there are
     const std::size_t read = found.size(), n_found = found[0].t;
     found.resize(n_found + 1);
     if (n_found + 1 > read) exec_.download(&found[read], found_.data() + read, (n_found + 1 - read) * sizeof found[0]);

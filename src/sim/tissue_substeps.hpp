@@ -27,12 +27,16 @@ template <class Exec> void TissueImpl<Exec>::begin_rub() {
     if (rubs) shapes_.loads.of += n_;
 }
 
-template <class Exec> double TissueImpl<Exec>::hurry(const Quad* at, float dt) {
-    tissue::Strained most, *out = strained_.reserve(1 + std::size_t(n_)), *each = out + 1;
+template <class Exec> void TissueImpl<Exec>::ask_strain(const Quad* at) {
+    tissue::Strained *out = strained_.reserve(1 + std::size_t(n_)), *each = out + 1;
     exec_.for_each(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr,
                            quiet_.data(), each});
     exec_.reduce_in_order(n_, tissue::StrainedOf{each}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
-    exec_.download(&most, out, sizeof most);
+    most_strained_.ask(exec_, out);
+}
+
+template <class Exec> double TissueImpl<Exec>::hurry(float dt) const {
+    const tissue::Strained most = most_strained_.wait();
     return std::sqrt(std::min(std::max(1.0, most.stiffness / kBorne), kMostStiffening)) *  // 1 where it is no number
            std::min(std::max(1.0, most.rate * dt / kStrainOfPart), kMostByStrain);
 }
@@ -46,14 +50,18 @@ template <class Exec> int TissueImpl<Exec>::jumps(float dt) const {
     return int(std::min(std::ceil(fastest * dt / (kJumpOfPart * contact_)), kMostJumps));
 }
 
-template <class Exec> int TissueImpl<Exec>::take_solid_substeps(float whole_dt, int asked, const float3& gravity) {
-    moved();
+template <class Exec> void TissueImpl<Exec>::prepare_solid() {
     correct();
     if (yields_ && !yielded_) {
         const std::size_t size = 6 * std::size_t(stride());
         exec_.clear(stays_.reserve(size), size * sizeof(float));
         yielded_ = true;
     }
+}
+
+template <class Exec> int TissueImpl<Exec>::take_solid_substeps(float whole_dt, int asked, const float3& gravity) {
+    moved();
+    prepare_solid();
     const tissue::Felt felt = begin_felt(whole_dt, gravity);
     begin_rub();
     const tissue::Drag drag{wet_ ? response_.data() : nullptr, velocity_.data(), drag_.data()};
@@ -62,7 +70,8 @@ template <class Exec> int TissueImpl<Exec>::take_solid_substeps(float whole_dt, 
     const float part_dt = whole_dt / float(n_parts);
     int n_done = 0;
     for (int part = 0; part < n_parts; ++part) {
-        const int n_substeps = asked > 0 ? asked : substeps(part_dt * float(hurry(at, part_dt)));
+        if (asked == 0 && !std::exchange(asked_strain_, false)) ask_strain(at);
+        const int n_substeps = asked > 0 ? asked : substeps(part_dt * float(hurry(part_dt)));
         const float dt = part_dt / float(n_substeps);
         for (int s = 0; s < n_substeps; ++s) {
             shapes_.move(dt);

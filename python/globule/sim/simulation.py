@@ -33,7 +33,7 @@ from .settings import MAX_PHASES, SETTINGS, Phase, StepReport
 from .simulation_scene import SimulationScene, Snapshot
 from .solver import Solver
 from .steer import Steer
-from .steered import Named
+from .steered import Named, Steered
 from .tools import Tool, Tools
 
 if TYPE_CHECKING:
@@ -115,6 +115,7 @@ class Simulation(Owner):
         solver = self._solver = Solver(file, choose(device), thread_count(threads))
         self._core, self._lock = solver.core, solver.lock
         self._had_sinks = self._warned = False
+        self._n_changes = -1  # `Steered.n_changes` when values were handed to the core
         self._inlets: list[list[float]] = []  # that the core knows
         self.file, self.settings, self.phases = file, solver.settings, solver.phases
         self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
@@ -284,10 +285,12 @@ class Simulation(Owner):
             )  # fmt: skip
 
     @whole
-    def _step(self, dt: float | None) -> StepReport:
+    def _step(self, dt: float | None, rest: float = math.inf) -> StepReport:
+        """A step of dt seconds, or one of those that make up the rest of a run."""
         self._send()
         if dt is None:
             dt = self._next_dt()
+            dt = rest if rest <= dt else rest / 2 if rest < 2 * dt else dt
         else:
             self._warn_of(dt)
         self._prepare(dt)
@@ -370,8 +373,7 @@ class Simulation(Owner):
                 raise TypeError(f"{name}: expected a function, got {shown(value)}")
         report, begin = None, self.time
         while (rest := end - self.time) > 1e-9 * max(end, 1e-3):
-            dt = self.dt
-            report = self._step(rest if rest <= dt else rest / 2 if rest < 2 * dt else dt)
+            report = self._step(None, rest)
             if progress is not None:
                 share = (self.time - begin) / (end - begin)
                 progress(min(PARTS, int(PARTS * share + 1e-6)), PARTS)
@@ -484,11 +486,15 @@ class Simulation(Owner):
 
     def _send(self) -> None:
         """Hand what changed to the core."""
+        if self._n_changes == Steered.n_changes:
+            return
+        n_changes = Steered.n_changes
         self._solver.send()
         frame = 1 / self.file.output.fps
         for name, emitter in self.emitters.items():
             check_emitter(name, emitter, self.settings.fluid_spacing, frame)
         self.tissue._send()
+        self._n_changes = n_changes
 
     @whole
     def save(self, name: str | os.PathLike[str]) -> None:

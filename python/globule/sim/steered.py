@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, ClassVar
 
 from .._base.checks import shown
 from .._base.fixed import Checked
@@ -33,6 +33,7 @@ class Named(Checked):
             raise TypeError(f"{label}: expected {self._kind.__name__}, got {shown(thing)}")
         setattr(thing, "_label", label)  # noqa: B010  # its messages begin with it
         super().__setitem__(name, thing)
+        Steered.n_changes += 1
 
     def __reduce__(self) -> Any:
         """For `copy` and `pickle`: what it holds is checked by its own words."""
@@ -49,8 +50,14 @@ class Kept(Named):
 
 
 class Steered:
-    """Base of objects that check what is assigned to them; other names are AttributeErrors."""
+    """Base of objects that check what is assigned to them; other names are AttributeErrors.
 
+    Attributes:
+        n_changes: values assigned so far, of all objects: what was handed on is as it was where
+            this is.
+    """
+
+    n_changes: ClassVar[int] = 0
     _begun = False
     _label = ""
 
@@ -72,4 +79,5 @@ class Steered:
                     why = f"cannot be changed after the start, expected one of {known}"
                 raise AttributeError(f"{self._label}.{name}: {why}")
             value = checks[name].check(value, (self._label, name))
+            Steered.n_changes += 1
         super().__setattr__(name, value)

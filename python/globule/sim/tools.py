@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,8 @@ from .steered import Named, Steered
 from .tissue import BALL, GRASPED, HALF_SPACE, MOST_GRASPS
 
 MOST_PUSHERS = 8
-_AT_REST = ((0.0,) * 3,) * 3
+_ZERO = (0.0, 0.0, 0.0)
+_AT_REST = (_ZERO,) * 3
 
 BELLY = 0.3  # of a scalpel's length: how far its edge stands below the tip
 
@@ -163,10 +165,11 @@ class Tool(Owner, Steered):
             tools.release(self.number)
         self._holds = works
         if works and dt > 0:
-            velocity = spin = np.zeros(3)
-            if not np.array_equal(self._next, self.pose):
-                velocity = (self._next[:3, 3] - self.pose[:3, 3]) / dt
-                spin = _spin(self._next[:3, :3] @ self.pose[:3, :3].T) / dt
+            if np.array_equal(self._next, self.pose):
+                tools._move_grasp(self.number, (_ZERO, _ZERO, tuple(self.pose[:3, 3].tolist())))
+                return
+            velocity = (self._next[:3, 3] - self.pose[:3, 3]) / dt
+            spin = _spin(self._next[:3, :3] @ self.pose[:3, :3].T) / dt
             tools.move_grasp(self.number, velocity, spin, self.pose[:3, 3])
 
     def grasps_by_keys(self, time: float) -> bool:
@@ -262,7 +265,10 @@ class Tools(Owner, Named):
         as for `grasp`."""
         given = {"velocity": velocity, "spin": spin, "center": center}
         motion = tuple(tuple(vector(name, part)) for name, part in given.items())
-        if self._motions[_grasp_number(number)] != motion:
+        self._move_grasp(_grasp_number(number), motion)
+
+    def _move_grasp(self, number: int, motion: tuple[tuple[float, ...], ...]) -> None:
+        if self._motions[number] != motion:
             self._motions[number] = motion
             self._send()
 
@@ -302,8 +308,7 @@ class Tools(Owner, Named):
         if not numbers:
             return {}
         felt = self._solver.core.tissue().felt()
-        found = {name: _force(felt, number)[0] for name, number in numbers.items()}
-        return {name: float(np.linalg.norm(force)) for name, force in found.items()}
+        return {name: math.hypot(*felt[6 * number : 6 * number + 3]) for name, number in numbers.items()}
 
     @whole
     def set_pushers(self, shapes: Any) -> None:
