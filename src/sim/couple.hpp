@@ -86,7 +86,7 @@ struct Response {
 /// acts in the next step's substeps.
 struct Weigh {
     static constexpr float kLent =
-        0.15f;  ///< of the stiffness: more makes masses differ by more than the pressure solve bears
+        0.3f;  ///< of the stiffness: more makes masses differ by more than the pressure solve bears
 
     sim::State state;
     const std::uint32_t* slot;

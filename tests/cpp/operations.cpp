@@ -335,6 +335,17 @@ TEST_CASE("tissue in a simulation has its gate, its particles and layers of its 
     const auto seen = render(layers, camera, 64, 48).layer();
     CHECK(std::count(seen.begin(), seen.end(), 0) > 50);
     CHECK(std::count(seen.begin(), seen.end(), 1) > 10);
+    const auto image = [&](const std::vector<Layer>& of) { return render(of, camera, 64, 48).distance(); };
+    const auto before = image(layers);
+    const std::vector<Layer> still = sim.snapshot();
+    for (int i = 0; i < 3; ++i) sim.step(0.002);
+    CHECK(image(still) == before);
+    CHECK(image(layers) != before);
+    CHECK(image(sim.snapshot({}, still)) == image(layers));
+    CHECK_THROWS_AS(sim.snapshot({}, layers), Error);
+    CHECK_THROWS_AS(sim.snapshot("nowhere"), Error);
+    Scene shown = still[0].scene;
+    CHECK_THROWS_AS(shown.update({.positions = block.positions}), Error);
     sim.draw(Drawn::balls);
     CHECK(layers[0].scene.render(camera, 64, 48).mask().size() == 64 * 48);
     sim = {};

@@ -178,7 +178,10 @@ class Snapshot(SimulationScene):
     @property
     def particles(self) -> Particles:  # type: ignore[override]
         """Refused: raises TypeError."""
-        raise TypeError("particles: expected a simulation's, got those of a snapshot, which is for images")
+        raise TypeError(
+            "particles: expected a simulation's, got those of a snapshot, which is for images alone; "
+            "these need a camera, such as gb.Camera.fit(sim.particles)"
+        )
 
     def __len__(self) -> int:
         return self._n
