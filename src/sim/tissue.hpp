@@ -22,6 +22,7 @@ template <class Exec> class TissueImpl : public Tissue {
 public:
     explicit TissueImpl(Exec& exec)
         : exec_(exec),
+          side_(exec.sibling()),
           at_(exec),
           next_(exec),
           velocity_(exec),
@@ -281,7 +282,8 @@ public:
         const float substep = far * float(fastest_);
         exec_.for_each(
             n_, tissue::CountAs{state, slot_.data(), beside_.data(), response(),
-                    {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByFace, substep / kSubstepsByOthers}, substep / kSubstepsOfSprings});
+                    {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByFace, substep / kSubstepsByOthers},
+                    substep / kSubstepsOfSprings});
     }
     /// What the last step owes to solids: no velocity shows it.
     sim::Impulse owed() {
@@ -347,7 +349,8 @@ private:
     static constexpr double kBorne = 1.5, kMostStiffening = 256.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
     /// Of a step, where tissue is beside these; beside a fluid, of springs.
-    static constexpr float kSubstepsByFluid = 8.0f, kSubstepsByFace = 6.0f, kSubstepsByOthers = 2.0f, kSubstepsOfSprings = 4.0f;
+    static constexpr float kSubstepsByFluid = 8.0f, kSubstepsByFace = 6.0f, kSubstepsByOthers = 2.0f,
+                           kSubstepsOfSprings = 4.0f;
     static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f,
                            kMostJumps =
                                4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
@@ -457,6 +460,7 @@ private:
     void put_in(Buffer<Quad, Exec>& buffer, const float* from);
 
     Exec& exec_;
+    std::shared_ptr<Exec> side_;  ///< works beside it, on what few particles leave idle
     std::uint32_t n_ = 0, n_entries_ = 0, n_pieces_ = 0, n_ids_ = 0;
     std::uint64_t n_scars_ = 0;  ///< bonds that went; 0: none
     float contact_ = 0.0f, size_of_fluid_ = 1.0f;

@@ -12,10 +12,12 @@ template <class Exec> template <class Packet> void TissueImpl<Exec>::change(cons
     for (const BloodVessel& v : vessels_) stains |= 1u << v.phase;
     if (!stains) return;
     std::uint8_t* touched = touched_.reserve(n_);
-    exec_.clear(touched, n_);
-    exec_.for_each(step.lists.n_rows, tissue::Touch<Packet>{step.lists, step.state, members(), stains,
-                                          1.3f * contact_ * (0.5f + 0.5f * size_of_fluid_), touched});
-    exec_.for_each(n_, tissue::Wet{touched, step.dt, wetness_.data()});
+    Exec& exec = is_solid_ ? *side_ : exec_;  // which ask_strain() waits for
+    if (is_solid_) side_->follow(exec_);
+    exec.clear(touched, n_);
+    exec.for_each(step.lists.n_rows, tissue::Touch<Packet>{step.lists, step.state, members(), stains,
+                                         1.3f * contact_ * (0.5f + 0.5f * size_of_fluid_), touched});
+    exec.for_each(n_, tissue::Wet{touched, step.dt, wetness_.data()});
 }
 
 template <class Exec>
@@ -28,24 +30,25 @@ void TissueImpl<Exec>::bleed(const Tree& tree, const SortedParticles& particles,
     if (!bleeds_) return;
     tissue::Drop *asking = asking_.reserve(n_),
                  *found = found_.reserve(std::max(std::size_t(n_) + 1, std::tuple_size_v<FirstDrops>));
-    exec_.clear(found, sizeof *found);
     std::uint8_t* open = open_.reserve(tissue::kMaxVessels + 1);
-    exec_.clear(open, tissue::kMaxVessels + 1);
-    exec_.for_each(n_, tissue::Seep{bonds(), hold_.data(), flowing, contact_, dt, volume_.data(), whose_.data(),
-                           next_volume_.reserve(n_), next_whose_.reserve(n_), open});
+    side_->follow(exec_);
+    side_->clear(found, sizeof *found);
+    side_->clear(open, tissue::kMaxVessels + 1);
+    side_->for_each(n_, tissue::Seep{bonds(), hold_.data(), flowing, contact_, dt, volume_.data(), whose_.data(),
+                            next_volume_.reserve(n_), next_whose_.reserve(n_), open});
     volume_.swap(next_volume_);
     whose_.swap(next_whose_);
-    exec_.for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, float(drop_volume()), volume_.data(),
-                           whose_.data(), open, &found->vessel, asking});
-    exec_.for_each_tile_of(&found->vessel, tissue::FindRoom{tree, particles, asking, velocity_.data(), flowing, sizes,
-                                               contact_, size_of_fluid_, &found->t, found + 1});
-    first_drops_.ask(exec_, reinterpret_cast<const FirstDrops*>(found));
+    side_->for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, float(drop_volume()), volume_.data(),
+                            whose_.data(), open, &found->vessel, asking});
+    side_->for_each_tile_of(&found->vessel, tissue::FindRoom{tree, particles, asking, velocity_.data(), flowing, sizes,
+                                                contact_, size_of_fluid_, &found->t, found + 1});
+    first_drops_.ask(*side_, reinterpret_cast<const FirstDrops*>(found));
 }
 
 template <class Exec> std::vector<tissue::Drop> TissueImpl<Exec>::drops() {
     std::vector<tissue::Drop> out;
     if (!bleeds_) return out;
-    const FirstDrops& first = first_drops_.wait();
+    const FirstDrops& first = first_drops_.wait();                // the side's work is done then
     std::vector<tissue::Drop> found(first.begin(), first.end());  // first of all, how many there are
     const std::size_t read = found.size(), n_found = found[0].t;
     found.resize(n_found + 1);

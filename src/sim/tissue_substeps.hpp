@@ -29,14 +29,15 @@ template <class Exec> void TissueImpl<Exec>::begin_rub() {
 
 template <class Exec> void TissueImpl<Exec>::ask_strain(const Quad* at) {
     tissue::Strained *out = strained_.reserve(1 + std::size_t(n_)), *each = out + 1;
-    exec_.for_each(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr,
-                           quiet_.data(), each});
-    exec_.reduce_in_order(n_, tissue::StrainedOf{each}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
-    most_strained_.ask(exec_, out);
+    side_->follow(exec_);
+    side_->for_each(n_, tissue::Stiffening{bonds(), solid(), at, velocity_.data(), yielded_ ? stays_.data() : nullptr,
+                            quiet_.data(), each});
+    side_->reduce_in_order(n_, tissue::StrainedOf{each}, tissue::MostStrained{}, tissue::Strained{1.0, 0.0}, out);
+    most_strained_.ask(*side_, out);
 }
 
 template <class Exec> double TissueImpl<Exec>::hurry(float dt) const {
-    const tissue::Strained most = most_strained_.wait();
+    const tissue::Strained most = most_strained_.wait();  // the side's work is done then
     return std::sqrt(std::min(std::max(1.0, most.stiffness / kBorne), kMostStiffening)) *  // 1 where it is no number
            std::min(std::max(1.0, most.rate * dt / kStrainOfPart), kMostByStrain);
 }
