@@ -126,7 +126,6 @@ __global__ void __launch_bounds__(32 * kRoundTeam * (kCluster ? kClusterGroups :
     const std::size_t own = (std::size_t(blockIdx.x) * n_groups + group) * 32 + lane;
     const std::size_t row = min(own, n - 1);  // the last one is done by more threads, which write the same
     if (threadIdx.x == 0) state = *given.state();
-    __syncthreads();
     const Rounds rounds = given.with(&state, &sum);
     const auto meet = [&] {
 #if __CUDA_ARCH__ >= 900
@@ -134,6 +133,8 @@ __global__ void __launch_bounds__(32 * kRoundTeam * (kCluster ? kClusterGroups :
 #endif
         meet_all(arrived);
     };
+    if constexpr (kCluster) meet();  // nobody writes to a block that is not there yet
+    else __syncthreads();
     const auto add_up = [&](Sum s) {
         for (int k = 16; k; k >>= 1) {
             Sum other;
