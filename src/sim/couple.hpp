@@ -67,8 +67,7 @@ struct TakeVelocity {
 /// What each free particle is near to, within the lists' reach.
 enum Beside : std::uint8_t {
     kAlone,
-    kFluid,
-    kFace,    ///< of a cut, that slid along this one
+    kFluid,   ///< or a face of a cut that slid along this one
     kOther,   ///< body
     kWet = 4  ///< a bit: near to a fluid, whatever else
 };
@@ -246,7 +245,7 @@ template <class Packet> struct FindContacts {
                 if (kind == sim::Kind::rigid || other_body(t, o)) near = kOther;
                 else if (kind == sim::Kind::fluid) near = max(near, std::uint8_t(kFluid)), wet = kWet;
                 else if (slid(t, o, here - step.state.place[j].xyz())) {
-                    near = max(near, std::uint8_t(kFace));
+                    near = max(near, std::uint8_t(kFluid));
                     if (spared[t] < 0.0f) spared[t] = kAnyDensity;  // contact begins with the next step, which is short
                 }
                 continue;
@@ -256,7 +255,7 @@ template <class Packet> struct FindContacts {
                 max(step.phases[step.state.phase[slot]].friction, step.phases[step.state.phase[j]].friction), q.w,
                 step.spline);
         }
-        beside[t] = (wet && near == kFace ? std::uint8_t(kFluid) : near) | wet;  // what is wet is damped
+        beside[t] = near | wet;
         if (!(smooth.total > 0.0f)) return;
         const float by = 1.0f / smooth.total;
         const float3 u = smooth.velocity * by, out = normalize(smooth.sum);
@@ -302,7 +301,7 @@ struct CountAs {
     const std::uint32_t* slot;
     const std::uint8_t* beside;
     Response response;
-    float speed[4], springs;  ///< by what it is beside, m/s; of springs beside a fluid
+    float speed[3], springs;  ///< by what it is beside, m/s; of springs beside a fluid
     GB_FN void operator()(std::size_t t) const {
         if (slot[t] == sim::kGone) return;
         const bool stiff = beside[t] & kWet && !(response(t) < 1.0f);

@@ -104,7 +104,7 @@ struct FindQuiet {
 /// Beside a fluid, what differs between neighbors' velocities decays.  Pressure acts once a step, on a solid whose
 /// substeps have not felt it, and would else feed the motions that are shorter than a step.
 struct Drag {
-    static constexpr float kShare = 0.4f / 24.0f;  ///< of the difference, in a substep; a particle has some 24 bonds
+    static constexpr float kShare = 0.2f / 24.0f;  ///< of the difference, in a substep; a particle has some 24 bonds
     const float* response;  ///< of each particle, less than 1 beside a fluid; null: no fluid is there
     const Quad* velocity;
     float3* change;

@@ -282,8 +282,7 @@ public:
         const float substep = far * float(fastest_);
         exec_.for_each(
             n_, tissue::CountAs{state, slot_.data(), beside_.data(), response(),
-                    {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByFace, substep / kSubstepsByOthers},
-                    substep / kSubstepsOfSprings});
+                    {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByOthers}, substep / kSubstepsOfSprings});
     }
     /// What the last step owes to solids: no velocity shows it.
     sim::Impulse owed() {
@@ -349,8 +348,7 @@ private:
     static constexpr double kBorne = 1.5, kMostStiffening = 256.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
     /// Of a step, where tissue is beside these; beside a fluid, of springs.
-    static constexpr float kSubstepsByFluid = 8.0f, kSubstepsByFace = 6.0f, kSubstepsByOthers = 2.0f,
-                           kSubstepsOfSprings = 4.0f;
+    static constexpr float kSubstepsByFluid = 6.0f, kSubstepsByOthers = 2.0f, kSubstepsOfSprings = 4.0f;
     static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f,
                            kMostJumps =
                                4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
