@@ -168,7 +168,7 @@ public:
     std::vector<Layer> layers() const;
     /// As layers(), in memory of their own on this or, "cuda:1", another GPU: they show the particles as they are now,
     /// so that an image can be made while the simulation goes on.  into: layers that an earlier call returned, whose
-    /// memory is used again.
+    /// memory and device are used again.
     std::vector<Layer> snapshot(const std::string& device = {}, const std::vector<Layer>& into = {}) const;
     /// What the scene draws from now on.
     void draw(Drawn what);

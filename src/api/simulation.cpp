@@ -490,6 +490,8 @@ std::vector<Layer> Simulation::snapshot(const std::string& device, const std::ve
     } else {
         const Inside::SceneImpl& first = *Inside::shared(into[0].scene);
         if (!first.of_snapshot) refuse("into", "what snapshot() returned", "another scene");
+        if (first.chosen.backend != s.chosen.backend)
+            refuse("into", "a snapshot on a device of the kind of " + s.chosen.device.name, first.chosen.device.name);
         scene = first.core;
         chosen = first.chosen;
     }
