@@ -243,6 +243,13 @@ def test_a_snapshot_is_the_scene_of_its_time_while_steps_go_on(backend, others):
         np.testing.assert_array_equal(image.distance, before.distance)
         snapshot.update()
         np.testing.assert_array_equal(gb.render(snapshot, CAMERA, SIZE).image, after.image)
+    for scene in (sim.scene, *sim.scene.beside[:1]):
+        scene.threshold = 0.7
+    image = gb.render(sim, CAMERA, SIZE).image
+    assert (image != after.image).any()
+    for snapshot in snapshots:
+        snapshot.update()
+        np.testing.assert_array_equal(gb.render(snapshot, CAMERA, SIZE).image, image)
     # What was there may come and go, and be drawn as balls.
     sim.scene.surface = "balls"
     sim.remove(sim.arrays.ids[::2])
@@ -263,6 +270,8 @@ def test_a_snapshot_outlives_its_simulation_and_refuses_what_is_the_simulations(
         _ = snapshot.particles
     with pytest.raises(AttributeError, match=r"^surface: "):
         snapshot.surface = "balls"
+    with pytest.raises(AttributeError, match=r"^threshold: "):
+        snapshot.threshold = 0.7
     with pytest.raises((ValueError, RuntimeError), match=r"device|cuda"):
         sim.snapshot("cpu" if backend["device"] == "cuda" else "cuda")
     assert np.array_equal(gb.render(snapshot, CAMERA, SIZE).image, image)

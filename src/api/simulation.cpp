@@ -507,7 +507,7 @@ core::Handle<core::Scene> Inside::snapshot(const Simulation& simulation, const s
     Chosen c = device.empty() ? s.chosen : choose(device);
     if (c.backend != s.chosen.backend) refuse("device", "one of the kind of " + s.chosen.device.name, c.device.name);
     if (chosen) *chosen = c;
-    return with_beside(core::make_scene(*c.backend, c.index, s.threads, s.poll))[0];
+    return core::make_scene(*c.backend, c.index, s.threads, s.poll);
 }
 void Inside::take(const Simulation& simulation, const core::Handle<core::Scene>& to, core::sim::Drawn what) {
     of(simulation, "simulation").take(to, what);

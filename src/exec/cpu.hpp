@@ -68,6 +68,7 @@ public:
     void let_caller_wait(std::uintptr_t) {}
     void copy_peer(void* to, const void* from, const AnyArray&, std::size_t bytes) { std::memcpy(to, from, bytes); }
 
+    /// From another one's memory.
     void copy_from(const Cpu&, void* to, const void* from, std::size_t bytes) { copy(to, from, bytes); }
 
     /// Large arrays lie in large pages, where the system has them: a page of 4 KiB costs as much as filling it.

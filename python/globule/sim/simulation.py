@@ -115,7 +115,7 @@ class Simulation(Owner):
         solver = self._solver = Solver(file, choose(device), thread_count(threads))
         self._core, self._lock = solver.core, solver.lock
         self._had_sinks = self._warned = False
-        self._n_changes = -1  # `Steered.n_changes` when values were handed to the core
+        self._sent = object()  # `Steered.last_change` when values were handed to the core
         self._inlets: list[list[float]] = []  # that the core knows
         self.file, self.settings, self.phases = file, solver.settings, solver.phases
         self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
@@ -486,15 +486,15 @@ class Simulation(Owner):
 
     def _send(self) -> None:
         """Hand what changed to the core."""
-        if self._n_changes == Steered.n_changes:
+        last_change = Steered.last_change
+        if self._sent is last_change:
             return
-        n_changes = Steered.n_changes
         self._solver.send()
         frame = 1 / self.file.output.fps
         for name, emitter in self.emitters.items():
             check_emitter(name, emitter, self.settings.fluid_spacing, frame)
         self.tissue._send()
-        self._n_changes = n_changes
+        self._sent = last_change
 
     @whole
     def save(self, name: str | os.PathLike[str]) -> None:

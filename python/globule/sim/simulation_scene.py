@@ -153,8 +153,9 @@ class Snapshot(SimulationScene):
         if given or named:
             raise TypeError("update: expected nothing, since a snapshot follows its simulation")
         with self._lock:
-            kinds = self._of._shown_kinds
-            self._kinds, self._balls = kinds, self._of._balls
+            self._kinds, self._balls = self._of._shown_kinds, self._of._balls
+            for own, theirs in zip((self, *self._beside), (self._of, *self._of._beside), strict=True):
+                own._chosen = theirs._chosen
             self._solver.core.take(self._own, self._drawn)
             self._n, self._steps = len(self._solver), self._solver.core.n_steps()
 
@@ -174,6 +175,15 @@ class Snapshot(SimulationScene):
     @surface.setter
     def surface(self, value: str) -> None:
         raise AttributeError("surface: a snapshot's is that of its simulation's scene")
+
+    @property
+    def threshold(self) -> float:
+        """Iso-value of the surface, as of `Simulation.scene` at the last update."""
+        return super().threshold
+
+    @threshold.setter
+    def threshold(self, value: float) -> None:
+        raise AttributeError("threshold: a snapshot's is that of its simulation's scene")
 
     @property
     def particles(self) -> Particles:  # type: ignore[override]

@@ -33,7 +33,7 @@ class Named(Checked):
             raise TypeError(f"{label}: expected {self._kind.__name__}, got {shown(thing)}")
         setattr(thing, "_label", label)  # noqa: B010  # its messages begin with it
         super().__setitem__(name, thing)
-        Steered.n_changes += 1
+        Steered.last_change = object()
 
     def __reduce__(self) -> Any:
         """For `copy` and `pickle`: what it holds is checked by its own words."""
@@ -53,11 +53,11 @@ class Steered:
     """Base of objects that check what is assigned to them; other names are AttributeErrors.
 
     Attributes:
-        n_changes: values assigned so far, of all objects: what was handed on is as it was where
-            this is.
+        last_change: another object after each value that is assigned, to whichever of them: what
+            was handed on is as it was where this is. Any thread may assign.
     """
 
-    n_changes: ClassVar[int] = 0
+    last_change: ClassVar[object] = None
     _begun = False
     _label = ""
 
@@ -79,5 +79,6 @@ class Steered:
                     why = f"cannot be changed after the start, expected one of {known}"
                 raise AttributeError(f"{self._label}.{name}: {why}")
             value = checks[name].check(value, (self._label, name))
-            Steered.n_changes += 1
         super().__setattr__(name, value)
+        if self._begun and not name.startswith("_"):
+            Steered.last_change = object()
