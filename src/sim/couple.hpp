@@ -301,11 +301,12 @@ struct CountAs {
     const std::uint32_t* slot;
     const std::uint8_t* beside;
     Response response;
-    float speed[3], springs;  ///< by what it is beside, m/s; of springs beside a fluid
+    float speed[3], wet, springs;  ///< by what it is beside, m/s; of a solid and of springs beside a fluid
     GB_FN void operator()(std::size_t t) const {
         if (slot[t] == sim::kGone) return;
-        const bool stiff = beside[t] & kWet && !(response(t) < 1.0f);
-        state.growth[slot[t]] = max(speed[beside[t] & ~kWet], stiff ? springs : 0.0f);
+        const bool is_wet = beside[t] & kWet, is_springs = !(response(t) < 1.0f);
+        const float other = beside[t] == (kFluid | kWet) ? 0.0f : speed[beside[t] & ~kWet];
+        state.growth[slot[t]] = max(other, !is_wet ? 0.0f : is_springs ? springs : wet);
     }
 };
 

@@ -280,9 +280,9 @@ public:
     /// After a step whose next one is chosen by speeds alone: `far` is how far a particle may move in it.
     void count_as(const sim::State& state, float far) {
         const float substep = far * float(fastest_);
-        exec_.for_each(
-            n_, tissue::CountAs{state, slot_.data(), beside_.data(), response(),
-                    {0.0f, substep / kSubstepsByFluid, substep / kSubstepsByOthers}, substep / kSubstepsOfSprings});
+        exec_.for_each(n_, tissue::CountAs{state, slot_.data(), beside_.data(), response(),
+                               {0.0f, substep / kSubstepsByFaces, substep / kSubstepsByOthers},
+                               substep / kSubstepsByFluid, substep / kSubstepsOfSprings});
     }
     /// What the last step owes to solids: no velocity shows it.
     sim::Impulse owed() {
@@ -348,14 +348,15 @@ private:
     static constexpr double kBorne = 1.5, kMostStiffening = 256.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
     /// Of a step, where tissue is beside these; beside a fluid, of springs.
-    static constexpr float kSubstepsByFluid = 6.0f, kSubstepsByOthers = 2.0f, kSubstepsOfSprings = 4.0f;
+    static constexpr float kSubstepsByFluid = 10.0f, kSubstepsByFaces = 6.0f, kSubstepsByOthers = 2.0f,
+                           kSubstepsOfSprings = 4.0f;
     static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f,
                            kMostJumps =
                                4096.0f;  ///< spacings that a grasp moves; that what it holds is from its center
     static constexpr float kSubstepsOfLoad = 64.0f,
                            kGapOfContact = 0.05f;  ///< spacings
     static constexpr float kPressureWithin = 0.6f,
-                           kWetWithin = 1.0f;  ///< share of the last pressure that acts in the substeps; beside a fluid
+                           kWetWithin = 0.2f;  ///< share of the last pressure that acts in the substeps; beside a fluid
     static constexpr int kSubstepsOfPart = 16;         ///< after as many the strain is looked at again
     static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
     using FirstDrops = std::array<tissue::Drop, 64>;   ///< that come together with their number
