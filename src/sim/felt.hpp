@@ -25,6 +25,11 @@ struct FeltOf {
     }
 };
 
+/// Of a step; nobody feels what is 0.
+struct FeltSums {
+    sim::Impulse of[kMaxGrasps + kMaxShapes], pressed[2 * kMaxGrasps];  ///< of pressure and of its friction
+};
+
 /// The particles that a grasp holds.
 struct Held {
     Members members;

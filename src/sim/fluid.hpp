@@ -487,7 +487,7 @@ private:
                              std::bool_constant<periodic>, std::bool_constant<sticky>, std::bool_constant<mixed>) {
             const sim::PairForces<Packet, periodic, sticky, mixed> forces{
                 lists_, s.place, s.velocity, rows_, interaction(viscous_share), cohesion, diagonal, out};
-            exec_.for_each_packet(lists_.n_rows, forces);
+            exec_.for_each_packet_team(lists_.n_rows, forces);
         };
         sim::with_period(state_.period(), [&](auto periodic) {
             sim::with_sizes(state_.sizes(), [&](auto mixed) {

@@ -86,7 +86,7 @@ template <class Packet, class Feels> struct PressureImpulse {
         for (std::uint32_t k = 0; k < step.lists.count[row]; ++k) {
             const std::size_t at = step.lists.at(row, k);
             const std::uint32_t j = step.lists.index[at];
-            if (j >= step.state.n || !feels(j)) continue;
+            if (j >= step.state.n || step.state.place[j].w < 0.0f || !feels(j)) continue;  // none of the solve's
             const float3 f = step.lists.one_gradient(at) * s;
             const float3 l = cross(step.period.template shortest<true>(step.state.place[j].xyz() - center), f);
             sum.p[0] += f.x, sum.p[1] += f.y, sum.p[2] += f.z;

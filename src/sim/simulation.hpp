@@ -163,12 +163,11 @@ public:
         if (bodies_.carry(dt)) tissue_.moved();
         gather_tissue();
         r.n_solved = state_.n_rows;
-        tissue_.bleed(state_.tree().view(), state_.tree().particles(), state_.sizes(), dt);
         const bool begun = fluid_.has_started_lists();
-        if (state_.n_rows > 0) {
-            find_lists();
-            if (by_approach()) fluid_.leave_out_alone();
-        }
+        tissue_.begin_aside();
+        if (state_.n_rows > 0) find_lists();
+        tissue_.bleed(state_.tree().view(), state_.tree().particles(), state_.sizes(), dt);
+        if (state_.n_rows > 0 && by_approach()) fluid_.leave_out_alone();
         const double earlier = begun ? exec_.elapsed(kListMark, kListMark + 1) : 0.0;
         take_blood(dt);
         bool split = false;
@@ -225,6 +224,7 @@ public:
         if (others) state_.settle();
         else state_.settle_positions();
         tissue_.moved();
+        tissue_.ask_felt();
         const bool solved = r.n_solved > 0;
         summarize(solved ? fluid_.compression() : nullptr,
             solved && !settings_.weakly_compressible ? fluid_.outcomes() : nullptr);

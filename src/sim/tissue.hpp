@@ -79,7 +79,7 @@ public:
           within_(exec),
           felt_(exec),
           felt_sum_(exec),
-          pressed_(exec),
+          felt_sums_(exec),
           plane_(exec),
           plane_speed_(exec),
           plane_rub_(exec),
@@ -146,6 +146,7 @@ public:
                 "number: expected 0 to " + std::to_string(tissue::kMaxGrasps - 1) + ", got " + std::to_string(number));
         disturbed();
         const std::uint32_t bit = 1u << number;
+        felt_grasps_ &= ~bit;
         grasped_ = radius > 0.0f ? grasped_ | bit : grasped_ & ~bit;
         exec_.for_each(n_, tissue::Grasp<Quad>{at_.data(), hold_.data(), center, radius, std::uint8_t(number)});
     }
@@ -162,23 +163,32 @@ public:
     std::vector<double> felt() override {
         std::vector<double> out(6 * std::size_t(tissue::kMaxGrasps + felt_shapes_), 0.0);
         if (!feels_ || !(felt_dt_ > 0.0f)) return out;
+        ask_felt();
+        const tissue::FeltSums& sums = felt_answer_.wait();
+        const auto add = [&](const sim::Impulse& sum, int i) {
+            for (int k = 0; k < 3; ++k)
+                out[6 * i + k] += sum.p[k] / felt_dt_, out[6 * i + 3 + k] += sum.l[k] / felt_dt_;
+        };
+        for (int i = 0; i < tissue::kMaxGrasps + felt_shapes_; ++i)
+            if (i >= tissue::kMaxGrasps || felt_grasps_ >> i & 1u) add(sums.of[i], i);
+        for (int i = 0; i < 2 * tissue::kMaxGrasps; ++i)
+            if (felt_grasps_ >> i / 2 & 1u) add(sums.pressed[i], i / 2);
+        return out;
+    }
+    /// What the last step's grasps and shapes felt begins its way to the host, which asks for it at every step.
+    void ask_felt() {
+        if (!feels_ || std::exchange(felt_asked_, true)) return;
+        tissue::FeltSums* sums = felt_sums_.data();
         for (int i = 0; i < tissue::kMaxGrasps + felt_shapes_; ++i) {
             const bool holds = i < tissue::kMaxGrasps;
-            if (holds && !(grasped_ >> i & 1u)) continue;
-            sim::Impulse all[3], *sum = felt_sum_.reserve(1);
+            if (holds && !(felt_grasps_ >> i & 1u)) continue;
             const std::size_t first = holds ? 0 : 2 * std::size_t(1 + i - tissue::kMaxGrasps) * n_;
             exec_.reduce_in_order(n_,
                 tissue::FeltOf{
                     felt_.data() + first, holds ? hold_.data() : nullptr, std::uint8_t(tissue::kGrasped + i), n_},
-                sim::AddImpulse{}, sim::Impulse{}, sum);
-            exec_.download(&all[0], sum, sizeof *sum);
-            if (holds) exec_.download(&all[1], pressed_.data() + 2 * i, 2 * sizeof *sum);
-            for (int k = 0; k < 3; ++k) {
-                out[6 * i + k] = (all[0].p[k] + all[1].p[k] + all[2].p[k]) / felt_dt_;
-                out[6 * i + 3 + k] = (all[0].l[k] + all[1].l[k] + all[2].l[k]) / felt_dt_;
-            }
+                sim::AddImpulse{}, sim::Impulse{}, sums->of + i);
         }
-        return out;
+        felt_answer_.ask(exec_, sums);
     }
 
     std::uint32_t n() override { return n_; }
@@ -328,8 +338,10 @@ public:
         exec_.for_each(n_, tissue::AddRest{state, phases, slot_.data(), rest_.data(), response()});
     }
 
+    /// What bleed() asks for runs beside what is asked for from now on.
+    void begin_aside() { side_->follow(exec_); }
     /// Blood that comes out of cut ends: the device looks for room, while the tree is that of the positions.  After
-    /// gather.
+    /// gather and begin_aside.
     void bleed(const Tree& tree, const SortedParticles& particles, const sim::Sizes& sizes, float dt);
     /// The drops that it found, in the order of the tissue, not too close to each other, as long as the pools last.
     std::vector<tissue::Drop> drops();
@@ -511,13 +523,15 @@ private:
     Buffer<std::uint8_t, Exec> beside_, quiet_;
     Buffer<float, Exec> within_;
     std::uint32_t grasped_ = 0;  ///< bits of the grasps that hold
-    bool feels_ = false;
+    bool feels_ = false, felt_asked_ = false;
+    std::uint32_t felt_grasps_ = 0;  ///< a bit for each that held in the last step, and does since
     int felt_shapes_ = 0;
     float felt_dt_ = 0.0f;  ///< of the last step
     Buffer<float3, Exec> felt_;
     Buffer<sim::Impulse, Exec> felt_sum_;
-    Buffer<sim::Impulse, Exec> pressed_;  ///< of pressure and of its friction, per grasp
-    Buffer<Quad, Exec> plane_;            ///< of the wall before each particle
+    Buffer<tissue::FeltSums, Exec> felt_sums_;
+    typename Exec::template Answer<tissue::FeltSums> felt_answer_;
+    Buffer<Quad, Exec> plane_;  ///< of the wall before each particle
     Buffer<float, Exec> plane_speed_;
     Buffer<Quad, Exec> plane_rub_, loads_, change_;  ///< friction: of planes, of what is pressed together
     Buffer<float3, Exec> rub_;                       ///< of cut faces

@@ -31,7 +31,6 @@ void TissueImpl<Exec>::bleed(const Tree& tree, const SortedParticles& particles,
     tissue::Drop *asking = asking_.reserve(n_),
                  *found = found_.reserve(std::max(std::size_t(n_) + 1, std::tuple_size_v<FirstDrops>));
     std::uint8_t* open = open_.reserve(tissue::kMaxVessels + 1);
-    side_->follow(exec_);
     side_->clear(found, sizeof *found);
     side_->clear(open, tissue::kMaxVessels + 1);
     side_->for_each(n_, tissue::Seep{bonds(), hold_.data(), flowing, contact_, dt, volume_.data(), whose_.data(),

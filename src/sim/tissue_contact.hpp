@@ -74,7 +74,8 @@ template <class Exec> template <class Packet> void TissueImpl<Exec>::feel_pressu
         if (!(grasped_ >> g & 1u)) continue;
         const tissue::Held held{members(), step.state.id, hold_.data(), std::uint8_t(tissue::kGrasped + g)};
         const sim::PressureImpulse<Packet, tissue::Held> pressure{step, held, motions_.center[g]};
-        exec_.reduce_in_order(step.lists.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, pressed_.data() + 2 * g);
+        exec_.reduce_in_order(
+            step.lists.n_rows, pressure, sim::AddImpulse{}, sim::Impulse{}, felt_sums_.data()->pressed + 2 * g);
     }
 }
 
@@ -106,7 +107,7 @@ void TissueImpl<Exec>::rub(
         const tissue::Held held{members(), step.state.id, hold_.data(), std::uint8_t(tissue::kGrasped + g)};
         exec_.reduce_in_order(step.lists.n_rows,
             tissue::RubImpulse<Packet, tissue::Held>{pairs, held, motions_.center[g]}, sim::AddImpulse{},
-            sim::Impulse{}, pressed_.data() + 2 * g + 1);
+            sim::Impulse{}, felt_sums_.data()->pressed + 2 * g + 1);
     }
     exec_.for_each(step.lists.n_rows, tissue::TakeChange{step.lists.rows, change, step.state.velocity});
 }

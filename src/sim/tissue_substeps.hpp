@@ -8,10 +8,12 @@ template <class Exec> tissue::Felt TissueImpl<Exec>::begin_felt(float dt, const 
     felt_dt_ = dt;
     felt_shapes_ = shapes_.n;
     feels_ = grasped_ != 0 || shapes_.n > 0;
+    felt_asked_ = false;
+    felt_grasps_ = grasped_;
     if (!feels_) return {};
     const std::size_t size = 2 * std::size_t(1 + shapes_.n) * n_;
     exec_.clear(felt_.reserve(size), size * sizeof(float3));
-    exec_.clear(pressed_.reserve(2 * tissue::kMaxGrasps), 2 * tissue::kMaxGrasps * sizeof(sim::Impulse));
+    exec_.clear(felt_sums_.reserve(1), sizeof(tissue::FeltSums));
     return {felt_.data(), n_, gravity};
 }
 

@@ -68,8 +68,9 @@ template <class Packet_, bool periodic, bool sticks, bool mixed> struct PairForc
         if constexpr (sticks) mine = Packet::gather(cohesion, slot);
         F x = zero, y = zero, z = zero, diag = zero;
         const std::uint32_t n = Packet::longest(lists.count + row);
-        std::size_t k = lists.at(row);
-        for (std::uint32_t i = 0; i < n; ++i, k += Packet::stride) {
+        const std::size_t first = lists.at(row);
+        for (std::uint32_t i = Packet::member(); i < n; i += Packet::team) {
+            const std::size_t k = first + std::size_t(i) * Packet::stride;
             lists.fetch_next_index(k);
             const Four<F> other = Packet::gather(place, lists.index + k), u = Packet::gather(velocity, lists.index + k);
             const Vec3<F> d = pair.period.template shortest<periodic>(at.xyz() - other.xyz());
@@ -103,6 +104,7 @@ template <class Packet_, bool periodic, bool sticks, bool mixed> struct PairForc
                 z += f * d.z;
             }
         }
+        if (!Packet::add_up(x, y, z, diag)) return;
         const F rho = Packet::load(rows.inverse_rho + row);
         if (diagonal) Packet::store(diagonal + row, diag);
         Packet::scatter_rows(acceleration, row, Four<F>{x * rho, y * rho, z * rho, zero});
