@@ -191,12 +191,85 @@ def test_a_file_in_a_folder_is_not_called_packed(tmp_path, capsys):
         ("a.txt", "% Model: a.mph\n% Nodes: 24\n% x     y     z     radius (m)\n"),
         ("a.txt", "% Model: a.mph\n% x     y     z     Particle radius (m)\n"),
         ("a.txt", "# x (m) y (m) z (m) radius (m)\n"),
+        ("a.asc", "//X Y Z Radius\n24\n"),  # CloudCompare says how many follow
+        ("a.csv", "x,y,z,radius\n24\n"),
+        ("a.csv", "# Columns: x, y, z, radius\n# 24 rows\n"),
+        ("a.txt", "# [1]=x [2]=y [3]=z [4]=radius\n"),
+        ("a.txt", "# 1:x 2:y 3:z 4:radius\n"),
+        ("a.txt", '"x" "y" "z" "radius"\n'),
+        ("a.txt", "   x      y      z    radius\n ----- ----- ------ ------\n"),
     ],
 )
 def test_heads_of_tables(tmp_path, name, head):
     rows = lines(SPHERES).replace(" ", "," if name == "a.csv" else "     ")
     (tmp_path / name).write_text(head + rows)
     assert is_spheres(gb.read(tmp_path / name))
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "row"),
+    [
+        ("a.txt", '# "Particle Identifier" "Position.X" "Position.Y" "Position.Z" "Radius"\n', "7{} {}"),  # OVITO
+        ("a.txt", '"x" "y" "z" "radius"\n', '"{}" {}'),  # R writes the names of rows, and none of their column
+        ("a.txt", "x y z radius phase\n", '{1} "liquid water"'),
+        ("COLVAR", "#! FIELDS time x y z radius\n#! SET min_x 0\n", "0.{} {}"),  # PLUMED
+        ("a.imd", "#F A 1 1 0 3 0 1\n#C number x y z radius\n#X 2 0 0\n#E\n", "7{} {}"),
+        ("a.txt", "# Fields: id x y z radius\n", "7{} {}"),
+        ("a.csv", "x,y,z,radius\n", "{1},"),
+        ("a.csv", "ID,X,Y,Z,Radius\nSpot ID,X,Y,Z,R\n,,,,\n,(micron),(micron),(micron),(micron)\n", "{},{}"),
+    ],
+)
+def test_heads_of_tables_with_more_in_their_rows(tmp_path, name, head, row):
+    mark = "," if name == "a.csv" else " "
+    rows = lines(SPHERES).replace(" ", mark).splitlines()
+    (tmp_path / name).write_text(head + "".join(row.format(i, line) + "\n" for i, line in enumerate(rows)))
+    assert is_spheres(gb.read(tmp_path / name))
+
+
+@pytest.mark.parametrize("comment", ["t = 0.1", "written by version 2.0", "24 particles", "time 0.1 s"])
+@pytest.mark.parametrize("name", ["a.csv", "a.txt"])
+def test_comments_that_name_no_columns(tmp_path, name, comment):
+    for table in (SPHERES, CENTERS):
+        (tmp_path / name).write_text(f"# {comment}\n" + lines(table).replace(" ", "," if name == "a.csv" else " "))
+        found = gb.read(tmp_path / name)
+        assert np.allclose(found.positions, CENTERS)
+        assert len(found.attributes) == table.shape[1] - 3
+
+
+@pytest.mark.parametrize("words", ["True False", "true false", "TRUE FALSE"])
+@pytest.mark.parametrize("mark", [",", ";", " "])
+def test_true_and_false_are_numbers(tmp_path, words, mark):
+    rows = lines(CENTERS).replace(" ", mark).splitlines()
+    text = "".join(f"{line}{mark}{words.split()[i % 2]}{mark}{i}\n" for i, line in enumerate(rows))
+    (tmp_path / "a.csv").write_text(f"x{mark}y{mark}z{mark}wall{mark}n\n{text}")
+    found = gb.read(tmp_path / "a.csv", where="wall == 1")
+    assert found.attributes["n"].tolist() == list(range(0, 24, 2))
+
+
+@pytest.mark.parametrize("name", ["Dp", "d_p", "EqDiameter", "Radius"])
+def test_sizes_in_another_unit(tmp_path, name):
+    table = np.column_stack([CENTERS, (1 if name == "Radius" else 2) * 1000 * RADII])
+    (tmp_path / "a.csv").write_text(f"X [m],Y [m],Z [m],{name} [mm]\n" + lines(table).replace(" ", ","))
+    with pytest.warns(UserWarning, match=f"{name} is in mm and becomes m"):
+        assert is_spheres(gb.read(tmp_path / "a.csv"))
+
+
+@pytest.mark.parametrize("factor", [255, 65535])
+@pytest.mark.parametrize("point", ["", ".000"])
+def test_colors_in_tables(tmp_path, factor, point):
+    """As PDAL and LAStools write them: of 8 or 16 bits, whole numbers with or without a point."""
+    colors = np.arange(72).reshape(24, 3) / 71
+    whole = np.rint(colors * factor).astype(int)
+    rows = zip(lines(CENTERS).replace(" ", ",").splitlines(), whole, strict=True)
+    text = "".join(f"{line},{','.join(f'{v}{point}' for v in color)}\n" for line, color in rows)
+    (tmp_path / "a.csv").write_text('"X","Y","Z","Red","Green","Blue"\n' + text)
+    assert np.allclose(gb.read(tmp_path / "a.csv").color, colors, atol=0.003)
+    if factor == 255 and not point:
+        names = "".join(f"property float {axis}\n" for axis in "xyz")
+        names += "".join(f"property uchar diffuse_{name}\n" for name in ("red", "green", "blue"))
+        head = f"ply\nformat ascii 1.0\nelement vertex 24\n{names}end_header\n"
+        (tmp_path / "a.ply").write_text(head + text.replace(",", " "))
+        assert np.allclose(gb.read(tmp_path / "a.ply").color, colors, atol=0.003)
 
 
 def test_a_row_of_units(tmp_path):

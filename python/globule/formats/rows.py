@@ -20,6 +20,9 @@ NO_NUMBER = ("", "NA", "<NA>", "N/A", "#N/A", "n/a", "NULL", "null", "None", "--
 Rest = tuple[bytes, int] | None  # a text, and the byte from which its rows are plain
 
 
+_TRUTH = {"true": "1", "false": "0"}
+
+
 class NotPlainError(Exception):
     """A table that needs more than its first rows to tell how it is read."""
 
@@ -40,6 +43,10 @@ def particles_of_rows(
     """Particles from rows; `words` is the first row, which tells the numbers from the words. rest:
     plain rows behind them. units: of columns, which are those after. unnamed: the file has no names.
     Raises FormatError, NotPlainError."""
+    if any(word.lower() in _TRUTH for word in words):
+        if rest:
+            raise NotPlainError
+        words, lines = [_TRUTH.get(word.lower(), word) for word in words], _with_numbers(lines, separator)
     numeric = [
         i
         for i, word in enumerate(words)
@@ -53,11 +60,9 @@ def particles_of_rows(
     # Two numbers beside a word without a name are not a place in a plane: one of three is damaged.
     if len(numeric) < 2 or (len(numeric) == 2 < len(words) and names_line is None):
         raise no_positions
-    options: dict[str, Any] = {"delimiter": separator}
+    options: dict[str, Any] = {"delimiter": separator, "quotechar": '"'}
     if separator is None:
         options["comments"] = "#"
-    else:
-        options["quotechar"] = '"'
     if len(numeric) < len(words):
         options["usecols"] = numeric
     try:
@@ -113,6 +118,13 @@ def _with_nan(lines: list[str], separator: str | None) -> list[str]:
     words = "|".join(map(re.escape, NO_NUMBER if separator else NO_NUMBER[1:]))
     nothing = re.compile(rf"(^|{mark}) *(?:{words}) *(?={mark}|$)")
     return [nothing.sub(r"\1nan", line) if line.strip() else line for line in lines]
+
+
+def _with_numbers(lines: Sequence[str], separator: str | None) -> list[str]:
+    """Lines with 1 and 0 for true and false between two separators."""
+    mark = re.escape(separator) if separator else r"\s"
+    truth = re.compile(rf'(?:(?<={mark})|^) *"?(true|false)"? *(?={mark}|$)', re.IGNORECASE)
+    return [truth.sub(lambda found: _TRUTH[found[1].lower()], line) for line in lines]
 
 
 def whole_numbers(
