@@ -73,9 +73,10 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     if lines[0].startswith("---"):
         return _yaml_frame(path, lines, before, n_frames)
     items, sections = _items(lines)
-    n = _count(path, lines, items.get("NUMBER OF ATOMS", -1), before)
-    if "ATOMS" not in items:
-        raise bad(path, f"line {before + 1}", "expected ITEM: ATOMS, got none")
+    if lost := [f"ITEM: {name}" for name in ("NUMBER OF ATOMS", "ATOMS") if name not in items]:
+        problem = f"expected {lost[0]}, got none: only dumps of atoms (dump atom, dump custom) have positions"
+        raise bad(path, f"line {before + 1}", problem)
+    n = _count(path, lines, items["NUMBER OF ATOMS"], before)
     box = None
     if "BOX BOUNDS" in items:
         at, title = sections["BOX BOUNDS"]

@@ -167,9 +167,11 @@ def _from_arrays(path: Any, arrays: dict[str, np.ndarray]) -> Particles:
     placed = with_places(arrays)
     positions = find_positions(placed)
     if positions is None:
-        found = shown(", ".join(arrays))
+        found = shown(", ".join(arrays)) if arrays else "no array of numbers"
         problem = f"expected positions (N, 3), or x, y and z (N,), got {found}"
-        remedy = "load it and pass gb.Particles(positions)"
+        remedy = 'name them: --columns positions=…,radius=… or gb.read(path, columns={"positions": …})'
+        if not arrays or os.fspath(path).lower().endswith(".npy"):
+            remedy = "load it and pass gb.Particles(positions)"
         if "_facts" in arrays and "place" in arrays:
             remedy = "it is a checkpoint: gb.Simulation.load(path).particles"
         raise bad(path, "archive", f"{problem}; {remedy}")
