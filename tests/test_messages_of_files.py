@@ -148,8 +148,8 @@ def test_arrays_of_other_names_are_to_be_named():
         gb.read("b.npz")
     h5py = pytest.importorskip("h5py")
     with h5py.File("a.h5", "w") as file:
-        file["positions"] = X.T
-    with pytest.raises(gb.FormatError, match=r"expected shape \(N, 3\), got \(3, 64\); read it with h5py and pass"):
+        file["positions"] = np.zeros((64, 5))
+    with pytest.raises(gb.FormatError, match=r"expected shape \(N, 3\), got \(64, 5\); read it with h5py and pass"):
         gb.read("a.h5")
 
 

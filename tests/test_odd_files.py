@@ -7,6 +7,7 @@ from format_helpers import naming
 from globule.cli import main
 from globule.data.radii import find_radii
 from globule.formats import read_contents
+from globule.formats.ranges import has_ranges, ranges
 from globule.render.sequence import time_of
 from test_cells import area
 
@@ -148,13 +149,51 @@ def test_a_volume_beside_particles_is_left_out(tmp_path):
         gb.read(naming("vtkMultiBlockDataSet", tmp_path / "b.vtm", "i.vti"))
 
 
+@pytest.mark.parametrize("name", ["positions.npz", "coords.npz", "pos.npz", "positions.h5", "only.npz", "only.npy"])
+@pytest.mark.filterwarnings("ignore:.*taken as columns")
+def test_a_row_for_each_axis(tmp_path, name):
+    """As MATLAB's h5write, Julia and R lay (N, 3) out, and all of a file, or a range of it, is read."""
+    key, _, ending = name.partition(".")
+    x = np.random.default_rng(0).random((40, 2 if key == "pos" else 3))
+    path = tmp_path / f"a.{ending}"
+    if ending == "h5":
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            file["positions"], file["radius"] = x.T, x[:, 0]
+    elif ending == "npy":
+        np.save(path, x.T)
+    else:
+        np.savez(path, **{key: x.T} | ({} if key == "only" else {"radius": x[:, 0]}))
+    whole, part = gb.read(path), ranges(path).read(10, 13)
+    for found, of in ((whole, slice(0, 40)), (part, slice(10, 13))):
+        assert np.allclose(found.positions[:, : x.shape[1]], x[of])
+        assert key == "only" or np.allclose(found.attributes["radius"], x[of, 0])
+
+
+def test_ranges_of_tables(tmp_path):
+    """Of arrays without a name, also where three rows look like three columns; of fields none."""
+    table = np.random.default_rng(0).random((50, 40))
+    np.savez(tmp_path / "a.npz", table)
+    np.save(tmp_path / "b.npy", table)
+    for name in ("a.npz", "b.npy"):
+        found = ranges(tmp_path / name).read(20, 23)
+        assert np.allclose(found.positions, table[20:23, :3])
+        assert np.allclose(found.attributes["column40"], table[20:23, 39])
+    np.save(tmp_path / "c.npy", np.zeros(5, [("x", "f4"), ("y", "f4")]))
+    assert not has_ranges(tmp_path / "c.npy")
+
+
 def test_points_without_faces_are_a_fluid_as_in_other_files(tmp_path):
     pytest.importorskip("trimesh")
     (tmp_path / "a.obj").write_text("# points\n" + "".join(f"v {line}\n" for line in lines(CENTERS).splitlines()))
     with pytest.warns(UserWarning, match="its 24 vertices are shown as points"):
         found = gb.read(tmp_path / "a.obj")
     assert found.support is None
+    assert found.color is None
     assert np.allclose(found.positions, CENTERS)
+    (tmp_path / "b.obj").write_text("".join(f"v {line} 1 0.5 0\n" for line in lines(CENTERS).splitlines()))
+    with pytest.warns(UserWarning, match="24 vertices are shown as points"):
+        color = gb.read(tmp_path / "b.obj").color
+    assert np.allclose(color, (1, 0.214, 0), atol=0.005)  # linear, as those of faces
 
 
 @pytest.mark.parametrize("name", ["TimeValue", "TIME"])

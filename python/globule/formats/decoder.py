@@ -360,8 +360,11 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
 
 
 def _of_matlab(dataset: Any) -> bool:
-    """Whether MATLAB wrote a matrix, whose axes come in reverse; vectors have one axis here."""
-    return dataset.ndim == 2 and "MATLAB_class" in dataset.attrs
+    """Whether MATLAB, Julia or R wrote a matrix, whose axes come in reverse; vectors have one axis here."""
+    if dataset.ndim != 2 or "MATLAB_class" in dataset.attrs:
+        return dataset.ndim == 2
+    places = re.search(r"/(positions?|pos|points|coord(inate)?s|xyz)$", dataset.name.lower())
+    return bool(places) and dataset.shape[0] in (2, 3) and dataset.shape[1] > 3
 
 
 def _is_numbers(dataset: Any) -> bool:
@@ -505,6 +508,7 @@ def usd(path: str, ask: Any) -> tuple[dict, list]:
     stage = Usd.Stage.Open(layer)
     places: dict[str, Any] = {}
     times: set[float] = set()
+    moves: set[float] = set()  # of points that stay, by their prims and those above
     for prim in stage.Traverse():
         if len(places) > _MOST_OBJECTS:
             raise ValueError(f"more than {_MOST_OBJECTS:,} prims")
@@ -512,10 +516,12 @@ def usd(path: str, ask: Any) -> tuple[dict, list]:
             if prim.IsA(kind):
                 places[str(prim.GetPath())] = prim.GetAttribute(name)
                 times.update(prim.GetAttribute(name).GetTimeSamples())
+                for above in map(stage.GetPrimAtPath, prim.GetPath().GetPrefixes()):
+                    moves.update(UsdGeom.Xformable(above).GetTimeSamples() if above.IsA(UsdGeom.Xformable) else ())
     rate = stage.GetTimeCodesPerSecond() or 24.0
     unit = UsdGeom.GetStageMetersPerUnit(stage)
     up = str(UsdGeom.GetStageUpAxis(stage))
-    claim = {"prims": list(places), "times": sorted(times), "rate": rate, "unit": unit, "up": up}
+    claim = {"prims": list(places), "times": sorted(times or moves), "rate": rate, "unit": unit, "up": up}
     paths, time, visible = ask(0, **claim)
     when = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
     names, arrays = [], []
