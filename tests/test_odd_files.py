@@ -265,6 +265,21 @@ def test_heads_of_tables_with_more_in_their_rows(tmp_path, name, head, row):
     assert is_spheres(gb.read(tmp_path / name))
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.txt", "a.dat", "a.xyz"])
+@pytest.mark.parametrize("head", ["# x y z radius", "# id,x [m],y [m],z [m]", "#! FIELDS x y z"])
+def test_tables_of_no_particles(tmp_path, name, head):
+    """As an emitter has them before its first particle."""
+    (tmp_path / name).write_text(f"# run 7\n{head}\n")
+    assert len(gb.read(tmp_path / name)) == 0
+
+
+def test_matrices_of_no_particles(tmp_path):
+    scipy_io = pytest.importorskip("scipy.io")
+    for positions in (np.empty((0, 3)), np.empty((0, 0))):
+        scipy_io.savemat(tmp_path / "a.mat", {"positions": positions, "radius": np.empty((0, 0))})
+        assert len(gb.read(tmp_path / "a.mat")) == 0
+
+
 @pytest.mark.parametrize("comment", ["t = 0.1", "written by version 2.0", "24 particles", "time 0.1 s"])
 @pytest.mark.parametrize("name", ["a.csv", "a.txt"])
 def test_comments_that_name_no_columns(tmp_path, name, comment):

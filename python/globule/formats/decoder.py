@@ -289,6 +289,7 @@ def exr(path: str, ask: Any) -> tuple[dict, list]:
 
 
 _MOST_OBJECTS, _MOST_NESTED = 50_000, 8
+_PLACES = "positions?|pos|points|coord(?:inate)?s|xyz"  # names of positions
 _SMALL = 100_000  # numbers: data sets of a table of frames are told with their values
 
 
@@ -363,8 +364,8 @@ def _of_matlab(dataset: Any) -> bool:
     """Whether MATLAB, Julia or R wrote a matrix, whose axes come in reverse; vectors have one axis here."""
     if dataset.ndim != 2 or "MATLAB_class" in dataset.attrs:
         return dataset.ndim == 2
-    places = re.search(r"/(positions?|pos|points|coord(inate)?s|xyz)$", dataset.name.lower())
-    return bool(places) and dataset.shape[0] in (2, 3) and dataset.shape[1] > 3
+    name = dataset.name.lower().rpartition("/")[2]
+    return bool(re.fullmatch(_PLACES, name)) and dataset.shape[0] in (2, 3) and dataset.shape[1] > 3
 
 
 def _is_numbers(dataset: Any) -> bool:
@@ -427,6 +428,8 @@ def matlab(path: str, ask: Any) -> tuple[dict, list]:
             names.append(name)
             flat = a.size == 1 or (a.ndim == 2 and 1 in a.shape and a.shape != (1, 3))
             shape = a.squeeze().shape if flat else a.shape
+            if a.shape == (0, 0):  # [], which has no axes
+                shape = (0, 3) if re.fullmatch(_PLACES, name.lower()) else (0,)
             arrays.append(np.ascontiguousarray(a, a.dtype.newbyteorder("=")).reshape(shape))
     return {"names": names}, arrays
 

@@ -21,7 +21,7 @@ from .errors import FormatError, bad
 from .fields import place_names
 from .packed import packing, plain_name, unpacked, unpacked_head
 from .registry import FORMATS, Format, formats
-from .table import has_comma, separator_of
+from .table import has_comma, named_line, separator_of
 
 _HEAD = 1 << 16  # bytes that are looked at
 _GRID_HEAD = 4096  # bytes in which legacy VTK says what it holds
@@ -325,8 +325,10 @@ def _in_folder(path: str | os.PathLike[str]) -> Kind | None:
 def _in_text(text: str, ending: Kind | None) -> Kind | None:
     lines = [line.strip() for line in text.splitlines()[:_LINES]]
     lines = [line for line in lines if line and not line.startswith(("#", "%"))]
-    if not lines:
-        return None
+    if not lines:  # of no particles, where a comment names the columns
+        return (
+            Kind("particles", "csv") if ending and ending.format in _TABLES and named_line(text.splitlines()) else None
+        )
     if re.search(r"^RES_BUF_FRAMES +\d", text, re.MULTILINE):
         return Kind("sweep", "stradwin")
     if lines[0].split()[0].lower() == "solid" and "facet" in text:

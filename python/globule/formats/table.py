@@ -150,6 +150,8 @@ def _quoted(name: str) -> str:
 def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = None, rest: Rest = None) -> Contents:
     """rest: plain rows behind the lines. Raises FormatError; NotPlainError where they are not."""
     start = next((i for i, line in enumerate(lines) if _is_row(line)), None)
+    if start is None and (names_alone := named_line(lines)):
+        lines, start = [names_alone], 0
     if start is None:
         raise bad(path, "line 1", "expected column names or numbers, got an empty file")
     start = _titles(lines, start)
@@ -224,6 +226,12 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         _no_thousands(path, lines[start:], start + 1, separator)
         raise
     return Contents(particles, units=held_units(particles, units))
+
+
+def named_line(lines: list[str]) -> str:
+    """The first comment that names places, without its mark; empty where none does."""
+    plain = (line.strip().lstrip("#%/! ") for line in lines[:_MOST_TITLES])
+    return next((line for line in plain if place_names(split_units(line.split(separator_of(line)))[0])), "")
 
 
 def _said_names(path: Any, line: str, i: int, separator: str | None, n: int) -> list[str]:
@@ -350,8 +358,6 @@ def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
             start = 1
     first = next((line for line in lines[start:] if line.strip() and not line.strip().startswith("#")), "")
     words = first.partition("#")[0].split()
-    if not words and lines[0].startswith("#") and place_names(lines[0][1:].split()):
-        count = 0
     if not words and count != 0:
         raise bad(path, f"line {len(lines)}", "expected rows x y z, got none")
     rows = lines[start:]
