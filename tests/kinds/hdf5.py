@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from kinds.base import FRAMES, N, X, kind, rows, text
+from kinds.base import FRAMES, STEP, N, X, kind, rows, text
 
 
 def hdf5(name: str, file: str = "a.hdf5", **expected: Any) -> Callable:
@@ -82,6 +82,12 @@ def _(file: Any) -> None:
 @hdf5("h5py by its names", "a.h5", names=("density",))
 def _(file: Any) -> None:
     file["positions"], file["density"] = X, np.ones(N)
+
+
+@hdf5("SPH with a long smoothing length", "a.h5", names=("density",))
+def _(file: Any) -> None:
+    file["positions"], file["h"] = X, np.full(N, 1.5 * STEP)
+    file["m"], file["rho"] = np.full(N, 1000 * STEP**3), 1000 + 20 * np.sin(np.arange(N))
 
 
 @hdf5("h5py by groups of frames", "a.h5", frames=2)
