@@ -251,6 +251,9 @@ def test_heads_of_tables(tmp_path, name, head):
         ("a.txt", '# "Particle Identifier" "Position.X" "Position.Y" "Position.Z" "Radius"\n', "7{} {}"),  # OVITO
         ("a.txt", '"x" "y" "z" "radius"\n', '"{}" {}'),  # R writes the names of rows, and none of their column
         ("a.txt", "x y z radius phase\n", '{1} "liquid water"'),
+        ("a.dat", "# x y z radius phase\n", "{1} water"),
+        ("a.csv", "# x,y,z,radius,phase\n", "{1},water"),
+        ("a.txt", "# x y z radius\n", "{1} # note {0}, more"),
         ("COLVAR", "#! FIELDS time x y z radius\n#! SET min_x 0\n", "0.{} {}"),  # PLUMED
         ("a.imd", "#F A 1 1 0 3 0 1\n#C number x y z radius\n#X 2 0 0\n#E\n", "7{} {}"),
         ("a.txt", "# Fields: id x y z radius\n", "7{} {}"),

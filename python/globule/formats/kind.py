@@ -340,9 +340,10 @@ def _in_text(text: str, ending: Kind | None) -> Kind | None:
         return Kind("scene", "toml") if _is_toml(text) else None
     found = _in_table(lines, ending)
     mark, row = text.lstrip()[0], lines[0].split()
-    numbers = found is not None and found.format == "xyz" and len(row) > 1 and is_number(row[0])
-    if found and (mark == "%" or (mark == "#" and numbers)):  # a comment may name the columns
-        return found._replace(format="csv")
+    numbers = len(row) > 1 and is_number(row[0])
+    named = numbers and len(named_line(text.splitlines()).split()) == len(row)  # some of whose columns may be words
+    if (found and mark == "%") or (mark == "#" and (named or (found and found.format == "xyz" and numbers))):
+        return Kind("particles", "csv")
     return found
 
 

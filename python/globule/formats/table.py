@@ -50,6 +50,7 @@ _MOST_TITLES = 20  # lines before the names of the columns
 _MOST_UNITS = 4  # lines behind them, up to that with the units
 _MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
+_NOTE = re.compile(r"\s#(?!N/A)")  # behind a row
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+")
 _NAMED = 1 << 13  # bytes in which the names of columns are looked for
 
@@ -157,13 +158,15 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     start = _titles(lines, start)
     separator = separator_of(lines[start])
     names, head, unnamed = _csv_words(path, lines[start], start, separator), start, False
-    if all(is_number(name) or has_comma(name) for name in names):
-        comments = [i for i, line in enumerate(lines[:start]) if line.strip()]
+    comments = [i for i, line in enumerate(lines[:start]) if line.strip()]
+    texts = ((i, _said_names(path, lines[i], i, separator, len(names))) for i in comments[:-_MOST_TITLES:-1])
+    named_by = next((one for one in texts if place_names(split_units(one[1])[0])), None)
+    numbers = sum(is_number(name) or has_comma(name) for name in names)
+    if numbers == len(names) or (named_by and numbers > 1):
         said: list[str] = []
         if comments:
-            found = ((i, _said_names(path, lines[i], i, separator, len(names))) for i in comments[:-_MOST_TITLES:-1])
-            head, said = next((one for one in found if place_names(split_units(one[1])[0])), (comments[-1], []))
-            said = said or _said_names(path, lines[head], head, separator, len(names))
+            head = comments[-1]
+            head, said = named_by or (head, _said_names(path, lines[head], head, separator, len(names)))
         words_only = said and not any(map(is_number, said))
         names = said if words_only else default_names(len(names))
         unnamed = not words_only
@@ -285,7 +288,7 @@ def _is_row(line: str) -> bool:
 def separator_of(line: str) -> str | None:
     """Semicolon, comma, tab, bar, or None for blanks; quoted text and the commas of numbers do not
     count."""
-    plain = re.sub(r'"[^"]*"', "_", line)
+    plain = _NOTE.split(re.sub(r'"[^"]*"', "_", line), maxsplit=1)[0]
     if all(map(has_comma, plain.split())) and len(plain.split()) > 1:
         plain = plain.replace(",", ".")
     for mark in (";", ",", "\t", "|"):
@@ -329,6 +332,7 @@ def _renamed(path: Any, names: list[str], named: Mapping[str, str]) -> list[str]
 
 def _csv_words(path: Any, line: str, i: int, separator: str | None) -> list[str]:
     if separator is None:
+        line = _NOTE.split(line, maxsplit=1)[0]
         return [word.strip('"') for word in re.findall(r'"[^"]*"|\S+', line)] if '"' in line else line.split()
     try:
         return [word.strip() for word in next(csv.reader([line], delimiter=separator), [])]
