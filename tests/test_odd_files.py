@@ -301,6 +301,8 @@ def test_true_and_false_are_numbers(tmp_path, words, mark):
     (tmp_path / "a.csv").write_text(f"x{mark}y{mark}z{mark}wall{mark}n\n{text}")
     found = gb.read(tmp_path / "a.csv", where="wall == 1")
     assert found.attributes["n"].tolist() == list(range(0, 24, 2))
+    (tmp_path / "a.csv").write_text(f"x{mark}y{mark}z{mark}wall{mark}n\n{text}9{mark}9{mark}9{mark}maybe{mark}9\n")
+    assert [*gb.read(tmp_path / "a.csv").attributes] == ["n"]
 
 
 @pytest.mark.parametrize("name", ["Dp", "d_p", "EqDiameter", "Radius"])

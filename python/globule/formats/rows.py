@@ -20,7 +20,7 @@ NO_NUMBER = ("", "NA", "<NA>", "N/A", "#N/A", "n/a", "NULL", "null", "None", "--
 Rest = tuple[bytes, int] | None  # a text, and the byte from which its rows are plain
 
 
-_TRUTH = {"true": "1", "false": "0"}
+_TRUTH = {"true": 1, "false": 0}
 
 
 class NotPlainError(Exception):
@@ -43,10 +43,6 @@ def particles_of_rows(
     """Particles from rows; `words` is the first row, which tells the numbers from the words. rest:
     plain rows behind them. units: of columns, which are those after. unnamed: the file has no names.
     Raises FormatError, NotPlainError."""
-    if any(word.lower() in _TRUTH for word in words):
-        if rest:
-            raise NotPlainError
-        words, lines = [_TRUTH.get(word.lower(), word) for word in words], _with_numbers(lines, separator)
     numeric = [
         i
         for i, word in enumerate(words)
@@ -92,6 +88,13 @@ def particles_of_rows(
         if rest and is_long(column, words[i]):
             raise NotPlainError
         columns[name] = whole_numbers(path, name, column, words[i], lines, i, **options)
+    for name, word, i in zip(names, words, range(len(words)), strict=True):
+        if name and name not in columns and word.lower() in _TRUTH:
+            if rest:
+                raise NotPlainError
+            found_words = [one.strip().lower() for one in parse_words(lines, i, **options)]
+            if {*found_words} <= _TRUTH.keys():
+                columns[name] = np.array([_TRUTH[one] for one in found_words])
     if units:
         units.update(in_one_unit(path, columns, units))
     if unnamed and is_whole(words[0]):
@@ -118,13 +121,6 @@ def _with_nan(lines: list[str], separator: str | None) -> list[str]:
     words = "|".join(map(re.escape, NO_NUMBER if separator else NO_NUMBER[1:]))
     nothing = re.compile(rf"(^|{mark}) *(?:{words}) *(?={mark}|$)")
     return [nothing.sub(r"\1nan", line) if line.strip() else line for line in lines]
-
-
-def _with_numbers(lines: Sequence[str], separator: str | None) -> list[str]:
-    """Lines with 1 and 0 for true and false between two separators."""
-    mark = re.escape(separator) if separator else r"\s"
-    truth = re.compile(rf'(?:(?<={mark})|^) *"?(true|false)"? *(?={mark}|$)', re.IGNORECASE)
-    return [truth.sub(lambda found: _TRUTH[found[1].lower()], line) for line in lines]
 
 
 def whole_numbers(
