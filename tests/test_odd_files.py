@@ -45,6 +45,23 @@ def test_a_general_triclinic_box_of_lammps_data(tmp_path):
     assert np.allclose(found.particles.world_positions(), PLACES, atol=1e-5)
 
 
+@pytest.mark.parametrize("before", [False, True])
+@pytest.mark.parametrize("n", [30, 29])
+def test_velocities_of_lammps_data(tmp_path, before, n):
+    """In any order, and before the atoms or behind them; not where some have none."""
+    order = np.random.default_rng(0).permutation(30)
+    rows = lines(np.column_stack([np.arange(30), 2 * PLACES])).splitlines()
+    velocities = "Velocities # atomic\n\n" + "".join(f"{rows[i]} # of {i}\n" for i in order[:n]) + "\n"
+    atoms = "Atoms # atomic\n\n" + "".join(f"{i} 1 {line}\n" for i, line in enumerate(lines(PLACES).splitlines()))
+    sections = (velocities + atoms + "\n") if before else (atoms + "\n" + velocities)
+    head = "LAMMPS data\n\n30 atoms\n1 atom types\n\n0 99 xlo xhi\n0 99 ylo yhi\n-99 99 zlo zhi\n\n"
+    (tmp_path / "a.lmp").write_text(f"{head}{sections}\nBonds\n\n1 1 1 2\n")
+    found = gb.read(tmp_path / "a.lmp")
+    assert ("velocity" in found.attributes) == (n == 30)
+    if n == 30:
+        assert np.allclose(found.attributes["velocity"], 2 * PLACES, rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     "encoding", ["utf-32", "utf-32-le", "utf-32-be", "utf-16", "utf-16-le", "utf-16-be", "utf-8-sig"]
 )
