@@ -1,5 +1,6 @@
 """What messages call files, columns, numbers and elements."""
 
+import gzip
 import zipfile
 
 import globule as gb
@@ -128,6 +129,11 @@ def test_formats_that_are_not_read_say_what_helps(name, content, advice):
         file.write(content)
     with pytest.raises(ValueError, match=advice):
         gb.read(name)
+    with open("packed.gz", "wb") as file:
+        file.write(gzip.compress(content))
+    if not content.startswith(b"ITEM"):
+        with pytest.raises(ValueError, match=advice):
+            gb.read("packed.gz")
     with zipfile.ZipFile("a.usdz", "w") as package:
         package.writestr("scene.usdc", b"PXR-USDC")
     with pytest.raises(ValueError, match="a package of USD: unzip it"):
@@ -136,6 +142,12 @@ def test_formats_that_are_not_read_say_what_helps(name, content, advice):
         book.writestr("xl/workbook.xml", "<workbook/>")
     with pytest.raises(ValueError, match="an Excel workbook"):
         gb.read("a.xlsx")
+
+
+def test_a_folder_of_neither_asks_for_a_file(folder):
+    (folder / "case" / "system").mkdir(parents=True)
+    with pytest.raises(gb.FormatError, match="got neither; name a file in it, or a pattern of files"):
+        gb.read("case")
 
 
 def test_arrays_of_other_names_are_to_be_named():

@@ -186,6 +186,13 @@ def test_a_row_for_each_axis(tmp_path, name):
         assert key == "only" or np.allclose(found.attributes["radius"], x[of, 0])
 
 
+def test_frames_in_a_plane(tmp_path):
+    np.save(tmp_path / "a.npy", np.stack([CENTERS[:, :2], CENTERS[:, :2] + 1]))
+    found = read_contents(tmp_path / "a.npy", frame=1)
+    assert found.n_frames == 2
+    assert np.allclose(found.particles.positions, CENTERS * (1, 1, 0) + (1, 1, 0))
+
+
 def test_ranges_of_tables(tmp_path):
     """Of arrays without a name, also where three rows look like three columns; of fields none."""
     table = np.random.default_rng(0).random((50, 40))

@@ -150,14 +150,14 @@ def kind_of(path: str | os.PathLike[str], wanted: str | None = None) -> Kind:
             example = os.path.join(path, f"*{endings[0]}")
             raise bad(path, "", f"expected a file, got a folder; a pattern names those in it, such as '{example}'")
         if found is None:
-            raise bad(path, "", "expected pictures or a DICOM series in this folder, got neither")
+            remedy = "name a file in it, or a pattern of files: 'VTK/*.vtk'"
+            raise bad(path, "", f"expected pictures or a DICOM series in this folder, got neither; {remedy}")
     else:
         found = _by_content(path, wanted)
     found = found or _by_ending(path, wanted)
     if found is None:
         expected = "particles, a mesh, a volume, a sweep, a picture or a scene"
-        with open(path, "rb") as file:
-            raise bad(path, "", f"expected {expected}, got {_other(file.read(_HEAD)) or _UNKNOWN}")
+        raise bad(path, "", f"expected {expected}, got {_other(_head_of(path)[0]) or _UNKNOWN}")
     if found.format in ("vtk", "vts", "vtr") and wanted not in ("particles", "mesh"):
         state = os.stat(path)
         if _is_even_grid(os.path.abspath(path), found.format, state.st_mtime_ns, state.st_size):
@@ -217,11 +217,7 @@ def _by_ending(path: str | os.PathLike[str], wanted: str | None = None) -> Kind 
 
 
 def _by_content(path: str | os.PathLike[str], wanted: str | None) -> Kind | None:
-    with open(path, "rb") as file:
-        head = file.read(_HEAD)
-        size = os.fstat(file.fileno()).st_size
-    if packing(head):
-        head, size = unpacked_head(path, _HEAD), -1  # how many bytes it unpacks to is not known
+    head, size = _head_of(path)
     if head[:4] == b"PK\3\4":
         with unpacked(path) as plain:
             return _in_archive(plain, wanted)
@@ -241,6 +237,14 @@ def _by_content(path: str | os.PathLike[str], wanted: str | None) -> Kind | None
     return known
 
 
+def _head_of(path: str | os.PathLike[str]) -> tuple[bytes, int]:
+    """The beginning of a file, of what a packed one holds; its bytes, -1 where they are not known."""
+    with open(path, "rb") as file:
+        head = file.read(_HEAD)
+        size = os.fstat(file.fileno()).st_size
+    return (unpacked_head(path, _HEAD), -1) if packing(head) else (head, size)
+
+
 def _registered(head: bytes, known: tuple[Format, ...]) -> Kind | None:
     """The format of the registry that a file's beginning matches."""
     for form in known:
@@ -253,7 +257,7 @@ def _by_magic(head: bytes, size: int) -> Kind | None:
     if head.startswith(b"\x93NUMPY"):  # frames (F, H, W), or particles (N, 3), (F, N, 3)
         found = re.search(rb"'shape': *\(([^)]*)\)", head[:1024])
         shape = found[1].replace(b" ", b"").split(b",") if found else []
-        return Kind("sweep" if len(shape) == 3 and shape[2] not in (b"", b"3") else "particles", "npy")
+        return Kind("sweep" if len(shape) == 3 and shape[2] not in (b"", b"2", b"3") else "particles", "npy")
     for magic, kind in _MAGIC:
         if head.startswith(magic):
             return kind
