@@ -305,6 +305,17 @@ def test_matrices_of_no_particles(tmp_path):
     for positions in (np.empty((0, 3)), np.empty((0, 0))):
         scipy_io.savemat(tmp_path / "a.mat", {"positions": positions, "radius": np.empty((0, 0))})
         assert len(gb.read(tmp_path / "a.mat")) == 0
+    scipy_io.savemat(tmp_path / "a.mat", {"p": {"x": SHARES[:, 0], "y": SHARES[:, 1]}, "dt": 0.1})
+    with pytest.raises(gb.FormatError, match=r"got 'dt'; structs are not read: save\('NAME.mat', '-struct', 'p'\)"):
+        gb.read(tmp_path / "a.mat")
+    h5py = pytest.importorskip("h5py")
+    for positions in ((0, 3), (0, 0)):  # of 7.3, which holds the shape
+        with h5py.File(tmp_path / "b.mat", "w") as file:
+            for name, shape in (("positions", positions), ("radius", (0, 0))):
+                file[name] = np.array(shape, np.uint64)
+                file[name].attrs["MATLAB_empty"] = np.uint8(1)
+                file[name].attrs["MATLAB_class"] = np.bytes_("double")
+        assert len(gb.read(tmp_path / "b.mat")) == 0
 
 
 @pytest.mark.parametrize("comment", ["t = 0.1", "written by version 2.0", "24 particles", "time 0.1 s"])

@@ -312,6 +312,8 @@ def hdf5(path: str, ask: Any) -> tuple[dict, list]:
             rows = slice(first, first + n) if frame is None else (frame, slice(first, first + n))
             if name not in file:  # a column of a table
                 values = dataset[rows]
+            elif "MATLAB_empty" in dataset.attrs:
+                values = np.empty(_of_nothing(name), "f8")
             elif _of_matlab(dataset):
                 values = np.squeeze(dataset[()]).T[rows]
             else:
@@ -338,6 +340,8 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
             matlab = _of_matlab(item)
             offset = None if matlab else item.id.get_offset()
             shape = tuple(n for n in item.shape[::-1] if n != 1) if matlab else item.shape
+            if "MATLAB_empty" in item.attrs:  # holds its shape in the place of numbers
+                offset, shape = None, _of_nothing(key)
             long = item.dtype.itemsize > 8  # long double
             tree[place] = {
                 "attributes": _attributes(item),
@@ -358,6 +362,11 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
                     shape, long = (*item.shape, *kind.shape), kind.base.itemsize > 8
                     dtype = "<f8" if long else kind.base.str
                     tree[f"{place}/{column}"] = {"attributes": {}, "shape": shape, "dtype": dtype, "offset": -1}
+
+
+def _of_nothing(name: str) -> tuple[int, ...]:
+    """The shape of MATLAB's []."""
+    return (0, 3) if re.fullmatch(_PLACES, name.lower().rpartition("/")[2]) else (0,)
 
 
 def _of_matlab(dataset: Any) -> bool:
@@ -422,6 +431,7 @@ def matlab(path: str, ask: Any) -> tuple[dict, list]:
     real = {"double", "single", "logical", *(f"{u}int{bits}" for u in ("", "u") for bits in (8, 16, 32, 64))}
     sizes = {name: math.prod(shape) for name, shape, kind in whosmat(path, appendmat=False) if kind in real}
     ask(8 * sum(sizes.values()))
+    structs = [name for name, _, kind in whosmat(path, appendmat=False) if kind == "struct"]
     names, arrays = [], []
     for name, a in loadmat(path, appendmat=False, variable_names=[*sizes]).items():
         if name in sizes and a.dtype.kind in "biuf":
@@ -429,9 +439,9 @@ def matlab(path: str, ask: Any) -> tuple[dict, list]:
             flat = a.size == 1 or (a.ndim == 2 and 1 in a.shape and a.shape != (1, 3))
             shape = a.squeeze().shape if flat else a.shape
             if a.shape == (0, 0):  # [], which has no axes
-                shape = (0, 3) if re.fullmatch(_PLACES, name.lower()) else (0,)
+                shape = _of_nothing(name)
             arrays.append(np.ascontiguousarray(a, a.dtype.newbyteorder("=")).reshape(shape))
-    return {"names": names}, arrays
+    return {"names": names, "structs": structs}, arrays
 
 
 def arrow(path: str, ask: Any) -> tuple[dict, list]:

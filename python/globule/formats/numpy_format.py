@@ -12,7 +12,7 @@ import os
 import warnings
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import IO, Any
 
 import numpy as np
@@ -119,7 +119,7 @@ def read_mat(path: str | os.PathLike[str], columns: Mapping[str, str] | None = N
     arrays = dict(zip(facts["names"], matrices, strict=True))
     if columns is not None:
         arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
-    return _from_arrays(path, arrays)
+    return _from_arrays(path, arrays, facts["structs"])
 
 
 def read_up(path: str | os.PathLike[str]) -> tuple[float, float, float]:
@@ -163,7 +163,7 @@ def _fields(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return found
 
 
-def _from_arrays(path: Any, arrays: dict[str, np.ndarray]) -> Particles:
+def _from_arrays(path: Any, arrays: dict[str, np.ndarray], structs: Sequence[str] = ()) -> Particles:
     placed = with_places(arrays)
     positions = find_positions(placed)
     if positions is None:
@@ -172,6 +172,8 @@ def _from_arrays(path: Any, arrays: dict[str, np.ndarray]) -> Particles:
         remedy = 'name them: --columns positions=…,radius=… or gb.read(path, columns={"positions": …})'
         if not arrays or os.fspath(path).lower().endswith(".npy"):
             remedy = "load it and pass gb.Particles(positions)"
+        if structs:
+            remedy = f"structs are not read: save('NAME.mat', '-struct', {shown(structs[0])}) writes the fields of one"
         if "_facts" in arrays and "place" in arrays:
             remedy = "it is a checkpoint: gb.Simulation.load(path).particles"
         raise bad(path, "archive", f"{problem}; {remedy}")
