@@ -209,7 +209,10 @@ def test_npz_keeps_up_and_names(capsys):
     with open("a.extxyz", "w") as file:
         file.write(f"{len(x)}\nProperties=species:S:1:pos:R:3\n")
         file.write("".join(f"{'AB'[k % 2]} {a:.9g} {b:.9g} {c:.9g}\n" for k, (a, b, c) in enumerate(x)))
-    assert main(["convert", "a.extxyz", "a.npz"]) == 0
+    assert "dropped" not in output_of(capsys, "convert", "a.extxyz", "a.npz").err
+    err = output_of(capsys, "convert", "a.extxyz", "a.vtp").err
+    assert "note: up, 0,0,1, is dropped: .vtp cannot store it; --up 0,0,1 draws" in err
+    assert "note: the names of type are dropped" in err
     given, kept = gb.read("a.extxyz"), gb.read("a.npz")
     assert kept.names == given.names != {}
     assert kept.up == given.up == Z_UP == Pieces("a.npz", 2, support=0.1).up

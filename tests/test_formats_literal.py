@@ -38,7 +38,7 @@ DATASET POLYDATA
 FIELD FieldData 1
 TIME 1 1 double
 0.5
-POINTS 3 double
+POINTS 3 floats
 0 0 0 1 0 0
 0 1 1e-1
 METADATA

@@ -113,6 +113,26 @@ def test_usd_of_its_own_library(tmp_path, usd, ending):
     refuses(r"species: expected one of .*/World/fluid.* got 'water'", gb.read, path, species="water")
 
 
+def test_usd_points_that_their_prims_move(tmp_path, usd):
+    """Points without times of their own have those of the transforms above them."""
+    from pxr import Gf, UsdGeom
+
+    path = tmp_path / "a.usda"
+    _stage(path, usd)
+    stage = usd.Stage.Open(str(path))
+    stage.GetPrimAtPath("/World/fluid").SetActive(False)
+    move = UsdGeom.Xformable(stage.GetPrimAtPath("/World")).GetOrderedXformOps()[0]
+    for step in range(2):
+        move.Set(Gf.Vec3d(step, 0, 0), 10 * step)
+    stage.GetRootLayer().Save()
+    got = read_contents(path, frame=1)
+    assert (got.time, got.n_frames) == (0.2, 2)
+    assert np.array_equal(got.particles.positions, [[1, 0, 0], [2, 0, 0]])
+    stage.GetPrimAtPath("/World/fluid").SetActive(True)
+    stage.GetRootLayer().Save()
+    assert read_contents(path).n_frames == 3  # of the points alone
+
+
 def test_usd_library_reads_ours(tmp_path, usd):
     from pxr import UsdGeom
 

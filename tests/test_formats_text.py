@@ -311,7 +311,8 @@ def test_elements_of_a_data_file():
     "x_m;y_m;z_m", "coordinates_0;coordinates_1;coordinates_2", "particle_position_x;"
     "particle_position_y;particle_position_z", "PosX;PosY;PosZ", "X Coord;Y Coord;Z Coord", "rx;ry;rz",
     "Location_Center_X;Location_Center_Y;Location_Center_Z", "Easting;Northing;Elevation", "xp;yp;zp",
-    "x1;x2;x3", "pos_x_mm;pos_y_mm;pos_z_mm",
+    "x1;x2;x3", "pos_x_mm;pos_y_mm;pos_z_mm", "BaryCenterX;BaryCenterY;BaryCenterZ",
+    "Center of Mass X (mm);Center of Mass Y (mm);Center of Mass Z (mm)",
 ])  # fmt: skip
 def test_names_of_positions(head):
     for name, separator in (("a.csv", ";"), ("a.csv", ","), ("a.tsv", "\t"), ("a.txt", "\t")):

@@ -1,5 +1,6 @@
 """What messages call files, columns, numbers and elements."""
 
+import gzip
 import zipfile
 
 import globule as gb
@@ -110,6 +111,16 @@ def test_a_legend_in_a_corner_covers_no_other_words():
     [
         ("positions", b"FoamFile\n{\n  version 2.0;\n}\n", "OpenFOAM's own: foamToVTK writes .vtk"),
         ("a.msh", b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "Gmsh's own"),
+        ("a.inp", b"** made by CAE\n*HEADING\n*Node\n1, 0., 0., 0.\n2, 1., 0., 0.\n", "Abaqus' own: meshio convert"),
+        ("a.json", b'[{"x": 1, "y": 2, "z": 3},\n{"x": 1, "y": 2, "z": 3}]', "JSON: read it with its own library"),
+        ("a.json", b'{"1": {\n "numbers": [8, 1, 1],\n "positions": [1, 2]}}', "JSON: read it with its own library"),
+        ("a.ptx", b"2\n1\n" + 4 * b"0 0 1\n" + 4 * b"0 0 0 1\n" + 2 * b"1 2 3 0.5\n", "a scan of Leica"),
+        ("a.xsf", b"CRYSTAL\nPRIMVEC\n1 0 0\n", r"no known format; .* pass gb\.Particles"),
+        (
+            "a.dump",
+            b"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ENTRIES\n2\nITEM: ENTRIES index c_1[1]\n1 2\n2 3\n",
+            "expected ITEM: NUMBER OF ATOMS, got none: only dumps of atoms",
+        ),
         ("a.htg", b'<VTKFile type="HyperTreeGrid"></VTKFile>', "another VTK XML: ParaView saves"),
     ],
 )
@@ -118,10 +129,40 @@ def test_formats_that_are_not_read_say_what_helps(name, content, advice):
         file.write(content)
     with pytest.raises(ValueError, match=advice):
         gb.read(name)
+    with open("packed.gz", "wb") as file:
+        file.write(gzip.compress(content))
+    if not content.startswith(b"ITEM"):
+        with pytest.raises(ValueError, match=advice):
+            gb.read("packed.gz")
+    with zipfile.ZipFile("a.usdz", "w") as package:
+        package.writestr("scene.usdc", b"PXR-USDC")
+    with pytest.raises(ValueError, match="a package of USD: unzip it"):
+        gb.read("a.usdz")
     with zipfile.ZipFile("a.xlsx", "w") as book:
         book.writestr("xl/workbook.xml", "<workbook/>")
     with pytest.raises(ValueError, match="an Excel workbook"):
         gb.read("a.xlsx")
+
+
+def test_a_folder_of_neither_asks_for_a_file(folder):
+    (folder / "case" / "system").mkdir(parents=True)
+    with pytest.raises(gb.FormatError, match="got neither; name a file in it, or a pattern of files"):
+        gb.read("case")
+
+
+def test_arrays_of_other_names_are_to_be_named():
+    np.savez("a.npz", centers=X, radii=np.full(64, 0.01))
+    with pytest.raises(gb.FormatError, match=r"got 'centers, radii'; name them: --columns positions=…,radius=…"):
+        gb.read("a.npz")
+    assert find_radii(gb.read("a.npz", columns={"positions": "centers", "radius": "radii"}))[0] == np.float32(0.01)
+    np.savez("b.npz")
+    with pytest.raises(gb.FormatError, match="got no array of numbers; load it and pass"):
+        gb.read("b.npz")
+    h5py = pytest.importorskip("h5py")
+    with h5py.File("a.h5", "w") as file:
+        file["positions"] = np.zeros((64, 5))
+    with pytest.raises(gb.FormatError, match=r"expected shape \(N, 3\), got \(64, 5\); read it with h5py and pass"):
+        gb.read("a.h5")
 
 
 @pytest.mark.parametrize("files", [["one.csv"], ["one.csv", "two.csv"]])

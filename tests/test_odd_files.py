@@ -7,6 +7,7 @@ from format_helpers import naming
 from globule.cli import main
 from globule.data.radii import find_radii
 from globule.formats import read_contents
+from globule.formats.ranges import has_ranges, ranges
 from globule.render.sequence import time_of
 from test_cells import area
 
@@ -42,6 +43,23 @@ def test_a_general_triclinic_box_of_lammps_data(tmp_path):
     assert np.allclose(found.box.edges, TURNED)
     assert np.allclose(found.box.origin, CORNER)
     assert np.allclose(found.particles.world_positions(), PLACES, atol=1e-5)
+
+
+@pytest.mark.parametrize("before", [False, True])
+@pytest.mark.parametrize("n", [30, 29])
+def test_velocities_of_lammps_data(tmp_path, before, n):
+    """In any order, and before the atoms or behind them; not where some have none."""
+    order = np.random.default_rng(0).permutation(30)
+    rows = lines(np.column_stack([np.arange(30), 2 * PLACES])).splitlines()
+    velocities = "Velocities # atomic\n\n" + "".join(f"{rows[i]} # of {i}\n" for i in order[:n]) + "\n"
+    atoms = "Atoms # atomic\n\n" + "".join(f"{i} 1 {line}\n" for i, line in enumerate(lines(PLACES).splitlines()))
+    sections = (velocities + atoms + "\n") if before else (atoms + "\n" + velocities)
+    head = "LAMMPS data\n\n30 atoms\n1 atom types\n\n0 99 xlo xhi\n0 99 ylo yhi\n-99 99 zlo zhi\n\n"
+    (tmp_path / "a.lmp").write_text(f"{head}{sections}\nBonds\n\n1 1 1 2\n")
+    found = gb.read(tmp_path / "a.lmp")
+    assert ("velocity" in found.attributes) == (n == 30)
+    if n == 30:
+        assert np.allclose(found.attributes["velocity"], 2 * PLACES, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -148,13 +166,58 @@ def test_a_volume_beside_particles_is_left_out(tmp_path):
         gb.read(naming("vtkMultiBlockDataSet", tmp_path / "b.vtm", "i.vti"))
 
 
+@pytest.mark.parametrize("name", ["positions.npz", "coords.npz", "pos.npz", "positions.h5", "only.npz", "only.npy"])
+@pytest.mark.filterwarnings("ignore:.*taken as columns")
+def test_a_row_for_each_axis(tmp_path, name):
+    """As MATLAB's h5write, Julia and R lay (N, 3) out, and all of a file, or a range of it, is read."""
+    key, _, ending = name.partition(".")
+    x = np.random.default_rng(0).random((40, 2 if key == "pos" else 3))
+    path = tmp_path / f"a.{ending}"
+    if ending == "h5":
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            file["positions"], file["radius"] = x.T, x[:, 0]
+    elif ending == "npy":
+        np.save(path, x.T)
+    else:
+        np.savez(path, **{key: x.T} | ({} if key == "only" else {"radius": x[:, 0]}))
+    whole, part = gb.read(path), ranges(path).read(10, 13)
+    for found, of in ((whole, slice(0, 40)), (part, slice(10, 13))):
+        assert np.allclose(found.positions[:, : x.shape[1]], x[of])
+        assert key == "only" or np.allclose(found.attributes["radius"], x[of, 0])
+
+
+def test_frames_in_a_plane(tmp_path):
+    np.save(tmp_path / "a.npy", np.stack([CENTERS[:, :2], CENTERS[:, :2] + 1]))
+    found = read_contents(tmp_path / "a.npy", frame=1)
+    assert found.n_frames == 2
+    assert np.allclose(found.particles.positions, CENTERS * (1, 1, 0) + (1, 1, 0))
+
+
+def test_ranges_of_tables(tmp_path):
+    """Of arrays without a name, also where three rows look like three columns; of fields none."""
+    table = np.random.default_rng(0).random((50, 40))
+    np.savez(tmp_path / "a.npz", table)
+    np.save(tmp_path / "b.npy", table)
+    for name in ("a.npz", "b.npy"):
+        found = ranges(tmp_path / name).read(20, 23)
+        assert np.allclose(found.positions, table[20:23, :3])
+        assert np.allclose(found.attributes["column40"], table[20:23, 39])
+    np.save(tmp_path / "c.npy", np.zeros(5, [("x", "f4"), ("y", "f4")]))
+    assert not has_ranges(tmp_path / "c.npy")
+
+
 def test_points_without_faces_are_a_fluid_as_in_other_files(tmp_path):
     pytest.importorskip("trimesh")
     (tmp_path / "a.obj").write_text("# points\n" + "".join(f"v {line}\n" for line in lines(CENTERS).splitlines()))
     with pytest.warns(UserWarning, match="its 24 vertices are shown as points"):
         found = gb.read(tmp_path / "a.obj")
     assert found.support is None
+    assert found.color is None
     assert np.allclose(found.positions, CENTERS)
+    (tmp_path / "b.obj").write_text("".join(f"v {line} 1 0.5 0\n" for line in lines(CENTERS).splitlines()))
+    with pytest.warns(UserWarning, match="24 vertices are shown as points"):
+        color = gb.read(tmp_path / "b.obj").color
+    assert np.allclose(color, (1, 0.214, 0), atol=0.005)  # linear, as those of faces
 
 
 @pytest.mark.parametrize("name", ["TimeValue", "TIME"])
@@ -191,12 +254,116 @@ def test_a_file_in_a_folder_is_not_called_packed(tmp_path, capsys):
         ("a.txt", "% Model: a.mph\n% Nodes: 24\n% x     y     z     radius (m)\n"),
         ("a.txt", "% Model: a.mph\n% x     y     z     Particle radius (m)\n"),
         ("a.txt", "# x (m) y (m) z (m) radius (m)\n"),
+        ("a.asc", "//X Y Z Radius\n24\n"),  # CloudCompare says how many follow
+        ("a.csv", "x,y,z,radius\n24\n"),
+        ("a.csv", "# Columns: x, y, z, radius\n# 24 rows\n"),
+        ("a.txt", "# [1]=x [2]=y [3]=z [4]=radius\n"),
+        ("a.txt", "# 1:x 2:y 3:z 4:radius\n"),
+        ("a.txt", '"x" "y" "z" "radius"\n'),
+        ("a.txt", "   x      y      z    radius\n ----- ----- ------ ------\n"),
     ],
 )
 def test_heads_of_tables(tmp_path, name, head):
     rows = lines(SPHERES).replace(" ", "," if name == "a.csv" else "     ")
     (tmp_path / name).write_text(head + rows)
     assert is_spheres(gb.read(tmp_path / name))
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "row"),
+    [
+        ("a.txt", '# "Particle Identifier" "Position.X" "Position.Y" "Position.Z" "Radius"\n', "7{} {}"),  # OVITO
+        ("a.txt", '"x" "y" "z" "radius"\n', '"{}" {}'),  # R writes the names of rows, and none of their column
+        ("a.txt", "x y z radius phase\n", '{1} "liquid water"'),
+        ("a.dat", "# x y z radius phase\n", "{1} water"),
+        ("a.csv", "# x,y,z,radius,phase\n", "{1},water"),
+        ("a.txt", "# x y z radius\n", "{1} # note {0}, more"),
+        ("COLVAR", "#! FIELDS time x y z radius\n#! SET min_x 0\n", "0.{} {}"),  # PLUMED
+        ("a.imd", "#F A 1 1 0 3 0 1\n#C number x y z radius\n#X 2 0 0\n#E\n", "7{} {}"),
+        ("a.txt", "# Fields: id x y z radius\n", "7{} {}"),
+        ("a.csv", "x,y,z,radius\n", "{1},"),
+        ("a.csv", "ID,X,Y,Z,Radius\nSpot ID,X,Y,Z,R\n,,,,\n,(micron),(micron),(micron),(micron)\n", "{},{}"),
+    ],
+)
+def test_heads_of_tables_with_more_in_their_rows(tmp_path, name, head, row):
+    mark = "," if name == "a.csv" else " "
+    rows = lines(SPHERES).replace(" ", mark).splitlines()
+    (tmp_path / name).write_text(head + "".join(row.format(i, line) + "\n" for i, line in enumerate(rows)))
+    assert is_spheres(gb.read(tmp_path / name))
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.txt", "a.dat", "a.xyz"])
+@pytest.mark.parametrize("head", ["# x y z radius", "# id,x [m],y [m],z [m]", "#! FIELDS x y z"])
+def test_tables_of_no_particles(tmp_path, name, head):
+    """As an emitter has them before its first particle."""
+    (tmp_path / name).write_text(f"# run 7\n{head}\n")
+    assert len(gb.read(tmp_path / name)) == 0
+
+
+def test_matrices_of_no_particles(tmp_path):
+    scipy_io = pytest.importorskip("scipy.io")
+    for positions in (np.empty((0, 3)), np.empty((0, 0))):
+        scipy_io.savemat(tmp_path / "a.mat", {"positions": positions, "radius": np.empty((0, 0))})
+        assert len(gb.read(tmp_path / "a.mat")) == 0
+    scipy_io.savemat(tmp_path / "a.mat", {"p": {"x": SHARES[:, 0], "y": SHARES[:, 1]}, "dt": 0.1})
+    with pytest.raises(gb.FormatError, match=r"got 'dt'; structs are not read: save\('NAME.mat', '-struct', 'p'\)"):
+        gb.read(tmp_path / "a.mat")
+    h5py = pytest.importorskip("h5py")
+    for positions in ((0, 3), (0, 0)):  # of 7.3, which holds the shape
+        with h5py.File(tmp_path / "b.mat", "w") as file:
+            for name, shape in (("positions", positions), ("radius", (0, 0))):
+                file[name] = np.array(shape, np.uint64)
+                file[name].attrs["MATLAB_empty"] = np.uint8(1)
+                file[name].attrs["MATLAB_class"] = np.bytes_("double")
+        assert len(gb.read(tmp_path / "b.mat")) == 0
+
+
+@pytest.mark.parametrize("comment", ["t = 0.1", "written by version 2.0", "24 particles", "time 0.1 s"])
+@pytest.mark.parametrize("name", ["a.csv", "a.txt"])
+def test_comments_that_name_no_columns(tmp_path, name, comment):
+    for table in (SPHERES, CENTERS):
+        (tmp_path / name).write_text(f"# {comment}\n" + lines(table).replace(" ", "," if name == "a.csv" else " "))
+        found = gb.read(tmp_path / name)
+        assert np.allclose(found.positions, CENTERS)
+        assert len(found.attributes) == table.shape[1] - 3
+
+
+@pytest.mark.parametrize("words", ["True False", "true false", "TRUE FALSE"])
+@pytest.mark.parametrize("mark", [",", ";", " "])
+def test_true_and_false_are_numbers(tmp_path, words, mark):
+    rows = lines(CENTERS).replace(" ", mark).splitlines()
+    text = "".join(f"{line}{mark}{words.split()[i % 2]}{mark}{i}\n" for i, line in enumerate(rows))
+    (tmp_path / "a.csv").write_text(f"x{mark}y{mark}z{mark}wall{mark}n\n{text}")
+    found = gb.read(tmp_path / "a.csv", where="wall == 1")
+    assert found.attributes["n"].tolist() == list(range(0, 24, 2))
+    (tmp_path / "a.csv").write_text(f"x{mark}y{mark}z{mark}wall{mark}n\n{text}9{mark}9{mark}9{mark}maybe{mark}9\n")
+    assert [*gb.read(tmp_path / "a.csv").attributes] == ["n"]
+
+
+@pytest.mark.parametrize("name", ["Dp", "d_p", "EqDiameter", "Radius"])
+def test_sizes_in_another_unit(tmp_path, name):
+    table = np.column_stack([CENTERS, (1 if name == "Radius" else 2) * 1000 * RADII])
+    (tmp_path / "a.csv").write_text(f"X [m],Y [m],Z [m],{name} [mm]\n" + lines(table).replace(" ", ","))
+    with pytest.warns(UserWarning, match=f"{name} is in mm and becomes m"):
+        assert is_spheres(gb.read(tmp_path / "a.csv"))
+
+
+@pytest.mark.parametrize("factor", [255, 65535])
+@pytest.mark.parametrize("point", ["", ".000"])
+def test_colors_in_tables(tmp_path, factor, point):
+    """As PDAL and LAStools write them: of 8 or 16 bits, whole numbers with or without a point."""
+    colors = np.arange(72).reshape(24, 3) / 71
+    whole = np.rint(colors * factor).astype(int)
+    rows = zip(lines(CENTERS).replace(" ", ",").splitlines(), whole, strict=True)
+    text = "".join(f"{line},{','.join(f'{v}{point}' for v in color)}\n" for line, color in rows)
+    (tmp_path / "a.csv").write_text('"X","Y","Z","Red","Green","Blue"\n' + text)
+    assert np.allclose(gb.read(tmp_path / "a.csv").color, colors, atol=0.003)
+    if factor == 255 and not point:
+        names = "".join(f"property float {axis}\n" for axis in "xyz")
+        names += "".join(f"property uchar diffuse_{name}\n" for name in ("red", "green", "blue"))
+        head = f"ply\nformat ascii 1.0\nelement vertex 24\n{names}end_header\n"
+        (tmp_path / "a.ply").write_text(head + text.replace(",", " "))
+        assert np.allclose(gb.read(tmp_path / "a.ply").color, colors, atol=0.003)
 
 
 def test_a_row_of_units(tmp_path):

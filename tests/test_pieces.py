@@ -76,12 +76,14 @@ def test_every_kernel(kernel, backend):
 
 
 @pytest.mark.few_backends
+@pytest.mark.parametrize("support", [None, 2.6, np.full(2160, 2.6, np.float32)], ids=["none", "one", "each"])
 @pytest.mark.parametrize("cut", [False, True])
-def test_smooth_surfaces_with_samples_at_edges(cut, backend):
-    """A bar that is long enough for pieces apart."""
+def test_smooth_surfaces_with_samples_at_edges(cut, support, backend):
+    """A bar that is long enough for pieces apart, also with weights for supports of its own."""
     bar = np.stack(np.meshgrid(np.arange(60), *[np.arange(6)] * 2, indexing="ij"), -1)
     points = bar.reshape(-1, 3) + np.random.default_rng(2).uniform(-0.2, 0.2, (2160, 3))
-    particles = gb.Particles(points.astype(np.float32), color=COLOR[:2160])
+    weight = None if support is None else np.full(2160, 8 / 2.6**3, np.float32)
+    particles = gb.Particles(points.astype(np.float32), color=COLOR[:2160], support=support, weight=weight)
     camera = gb.Camera.fit(particles, size=SIZE, margin=1)
     clips = [gb.ClipPlane((1, 0.2, 0.3), 40)] if cut else []
     pieces = check(particles, 4, backend, camera, clips, surface="smooth", spacing=1.0)

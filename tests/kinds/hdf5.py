@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from kinds.base import FRAMES, N, X, kind, rows, text
+from kinds.base import FRAMES, STEP, N, X, kind, rows, text
 
 
 def hdf5(name: str, file: str = "a.hdf5", **expected: Any) -> Callable:
@@ -82,6 +82,27 @@ def _(file: Any) -> None:
 @hdf5("h5py by its names", "a.h5", names=("density",))
 def _(file: Any) -> None:
     file["positions"], file["density"] = X, np.ones(N)
+
+
+@kind("XDMF of flat arrays", "a.xmf", names=("v",), package="h5py")
+def _(path: Path) -> None:
+    """As MechSys and PersianSPH write it."""
+    import h5py
+
+    with h5py.File(path.with_name("a.h5"), "w") as file:
+        file["x"], file["v"] = X.ravel(), X.ravel()
+    item = f'<DataItem Dimensions="{N} 3" Format="HDF">\na.h5:/'
+    body = f'<Geometry GeometryType="XYZ">{item}x\n</DataItem></Geometry><Attribute Name="v" AttributeType="Vector" '
+    body = (
+        f'<Xdmf Version="2.0"><Domain><Grid>{body}Center="Node">{item}v\n</DataItem></Attribute></Grid></Domain></Xdmf>'
+    )
+    path.write_text(body, encoding="utf-8")
+
+
+@hdf5("SPH with a long smoothing length", "a.h5", names=("density",))
+def _(file: Any) -> None:
+    file["positions"], file["h"] = X, np.full(N, 1.5 * STEP)
+    file["m"], file["rho"] = np.full(N, 1000 * STEP**3), 1000 + 20 * np.sin(np.arange(N))
 
 
 @hdf5("h5py by groups of frames", "a.h5", frames=2)

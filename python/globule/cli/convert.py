@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..data.particles import SCALAR_FIELDS, Particles
+from ..data.particles import SCALAR_FIELDS, UP, Particles
 from ..formats import READABLE, WRITABLE, write
 from ..formats.vtk_collections import write_pvd
 from ..render.sequence import find_files, leader, with_frames
@@ -51,6 +51,7 @@ _KEPT = {
     ".npy": (),
 }
 _IN_METERS = (".usd", ".usda", ".usdc")
+_WITH_UP = (".npz", *_IN_METERS)
 _FLOAT32_ONLY = (".bgeo", ".bgeo.gz")
 
 
@@ -139,6 +140,11 @@ def losses(particles: Particles, output: str) -> list[str]:
     """The losses of the output's format, one line per field."""
     extension = next(e for e in WRITABLE if output.lower().endswith(e))
     lost = []
+    if particles.up != UP and extension not in _WITH_UP:
+        up = ",".join(f"{v:g}" for v in particles.up)
+        lost.append(f"up, {up}, is dropped: {extension} cannot store it; --up {up} draws the new file as the old one")
+    if extension != ".npz":
+        lost += [f"the names of {name} are dropped: only .npz stores them" for name in particles.names]
     if extension in _KEPT:
         given = [n for n in (*SCALAR_FIELDS, "color") if getattr(particles, n) is not None]
         for name in [*given, *particles.attributes]:

@@ -13,7 +13,7 @@ from .particles import Particles
 
 _NAMES = {"radius": 1.0, "pscale": 1.0, "diameter": 0.5}  # in lower case, by radii
 _SAME = {"radii": "radius", "diameters": "diameter", "diam": "diameter", "dia": "diameter", "rad": "radius"}
-_OF = re.compile(r"^(?:particle|parcel|ball|sphere|grain|bead|equivalent|physical)+")
+_OF = re.compile(r"^(?:particle|parcel|ball|sphere|grain|bead|equivalent|equiv|eq|physical)+")
 # Words that may mean something else, by letters and digits: radii where the values may be some.
 _SHORT = {"r": "radius", "rp": "radius", "rad": "radius", "dp": "diameter"}
 _UNIT = re.compile(r"[ _.](?:nm|um|mm|cm|m)$")  # behind a name: radius_m
@@ -30,6 +30,15 @@ def length_name(name: str) -> str:
     return _SAME[plain] if plain in _SAME and word != "rad" else name.lower()
 
 
+def may_be_length(name: str) -> bool:
+    """Whether an array of this name is one of sizes where its values may be some."""
+    return _letters(name) in _SHORT
+
+
+def _letters(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
 def length_names(arrays: Mapping[str, Any], positions: Any) -> dict[str, str]:
     """Names of arrays (N,) of particles at positions (N, 3) by `length_name`; of several with one,
     the first, or one that has it itself.
@@ -43,7 +52,7 @@ def length_names(arrays: Mapping[str, Any], positions: Any) -> dict[str, str]:
         if {"origProcId", "d"} <= known.keys() | arrays.keys():
             return known | {"diameter": "d"}
         for name in names:
-            kind = _SHORT.get(re.sub(r"[^a-z0-9]", "", name.lower()))
+            kind = _SHORT.get(_letters(name))
             if kind and not known.keys() & _NOT_RADIUS and _may_be_sizes(to_host(arrays[name]), positions):
                 known[kind] = name
     return known

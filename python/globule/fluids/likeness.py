@@ -34,6 +34,7 @@ SAMPLES = 512
 # press into each other by a few hundredths, particles of a fluid overlap.
 LEAST_APART = 0.9
 BONDED = 0.25  # of the sum of two van der Waals radii: 0.31 in hydrogen, 0.35 in water
+DENSER = 0.1  # of a weight: densities of SPH differ by a few hundredths
 RADII = "radii of the file, of atoms or without a fluid's overlap"
 SCATTERED = "scattered particles"
 
@@ -45,20 +46,20 @@ class Likeness(NamedTuple):
     why: str
 
 
-def alike(value: Any) -> bool:
-    """Whether a field has one value for all particles (or none at all)."""
+def alike(value: Any, share: float = 1e-3) -> bool:
+    """Whether a field has one value for all particles, up to a share of it (or none at all)."""
     if value is None or np.ndim(value) == 0:
         return True
     if on_gpu(value):
         return False
     array = np.asarray(value)
-    return len(array) == 0 or bool(np.ptp(array) <= 1e-3 * abs(float(array[0])))
+    return len(array) == 0 or bool(np.ptp(array) <= share * abs(float(array[0])))
 
 
 def assess_fluid(particles: Particles, scene: SceneBase | None = None) -> Likeness:
     """Whether particles are those of one fluid.
 
-    They are where there are at least 8, with supports and weights alike, of one phase, not in one
+    They are where there are at least 8, with equal supports and similar weights, of one phase, not in one
     plane, and with similar distances to the nearest particle: the distance that 90 % of the
     particles reach is at most 2.4 times the one that 10 % reach. Fewer than 100 are only where it
     is at most 1.7 times, and half are at least 0.72 spacings from the nearest one.
@@ -69,8 +70,8 @@ def assess_fluid(particles: Particles, scene: SceneBase | None = None) -> Likene
     """
     if particles.anisotropy is not None:
         return Likeness(False, "kernels of their own")
-    for name in ("support", "weight"):
-        if not alike(getattr(particles, name)):
+    for name, share in (("support", 1e-3), ("weight", DENSER)):
+        if not alike(getattr(particles, name), share):
             return Likeness(False, f"different {name}s")
     for name in ("phase", "phases"):
         if name in particles.attributes and len(np.unique(particles.attributes[name])) > 1:

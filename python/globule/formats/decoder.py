@@ -289,6 +289,7 @@ def exr(path: str, ask: Any) -> tuple[dict, list]:
 
 
 _MOST_OBJECTS, _MOST_NESTED = 50_000, 8
+_PLACES = "positions?|pos|points|coord(?:inate)?s|xyz"  # names of positions
 _SMALL = 100_000  # numbers: data sets of a table of frames are told with their values
 
 
@@ -311,6 +312,8 @@ def hdf5(path: str, ask: Any) -> tuple[dict, list]:
             rows = slice(first, first + n) if frame is None else (frame, slice(first, first + n))
             if name not in file:  # a column of a table
                 values = dataset[rows]
+            elif "MATLAB_empty" in dataset.attrs:
+                values = np.empty(_of_nothing(name), "f8")
             elif _of_matlab(dataset):
                 values = np.squeeze(dataset[()]).T[rows]
             else:
@@ -337,6 +340,8 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
             matlab = _of_matlab(item)
             offset = None if matlab else item.id.get_offset()
             shape = tuple(n for n in item.shape[::-1] if n != 1) if matlab else item.shape
+            if "MATLAB_empty" in item.attrs:  # holds its shape in the place of numbers
+                offset, shape = None, _of_nothing(key)
             long = item.dtype.itemsize > 8  # long double
             tree[place] = {
                 "attributes": _attributes(item),
@@ -359,9 +364,17 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
                     tree[f"{place}/{column}"] = {"attributes": {}, "shape": shape, "dtype": dtype, "offset": -1}
 
 
+def _of_nothing(name: str) -> tuple[int, ...]:
+    """The shape of MATLAB's []."""
+    return (0, 3) if re.fullmatch(_PLACES, name.lower().rpartition("/")[2]) else (0,)
+
+
 def _of_matlab(dataset: Any) -> bool:
-    """Whether MATLAB wrote a matrix, whose axes come in reverse; vectors have one axis here."""
-    return dataset.ndim == 2 and "MATLAB_class" in dataset.attrs
+    """Whether MATLAB, Julia or R wrote a matrix, whose axes come in reverse; vectors have one axis here."""
+    if dataset.ndim != 2 or "MATLAB_class" in dataset.attrs:
+        return dataset.ndim == 2
+    name = dataset.name.lower().rpartition("/")[2]
+    return bool(re.fullmatch(_PLACES, name)) and dataset.shape[0] in (2, 3) and dataset.shape[1] > 3
 
 
 def _is_numbers(dataset: Any) -> bool:
@@ -418,14 +431,17 @@ def matlab(path: str, ask: Any) -> tuple[dict, list]:
     real = {"double", "single", "logical", *(f"{u}int{bits}" for u in ("", "u") for bits in (8, 16, 32, 64))}
     sizes = {name: math.prod(shape) for name, shape, kind in whosmat(path, appendmat=False) if kind in real}
     ask(8 * sum(sizes.values()))
+    structs = [name for name, _, kind in whosmat(path, appendmat=False) if kind == "struct"]
     names, arrays = [], []
     for name, a in loadmat(path, appendmat=False, variable_names=[*sizes]).items():
         if name in sizes and a.dtype.kind in "biuf":
             names.append(name)
             flat = a.size == 1 or (a.ndim == 2 and 1 in a.shape and a.shape != (1, 3))
             shape = a.squeeze().shape if flat else a.shape
+            if a.shape == (0, 0):  # [], which has no axes
+                shape = _of_nothing(name)
             arrays.append(np.ascontiguousarray(a, a.dtype.newbyteorder("=")).reshape(shape))
-    return {"names": names}, arrays
+    return {"names": names, "structs": structs}, arrays
 
 
 def arrow(path: str, ask: Any) -> tuple[dict, list]:
@@ -505,6 +521,7 @@ def usd(path: str, ask: Any) -> tuple[dict, list]:
     stage = Usd.Stage.Open(layer)
     places: dict[str, Any] = {}
     times: set[float] = set()
+    moves: set[float] = set()  # of points that stay, by their prims and those above
     for prim in stage.Traverse():
         if len(places) > _MOST_OBJECTS:
             raise ValueError(f"more than {_MOST_OBJECTS:,} prims")
@@ -512,10 +529,12 @@ def usd(path: str, ask: Any) -> tuple[dict, list]:
             if prim.IsA(kind):
                 places[str(prim.GetPath())] = prim.GetAttribute(name)
                 times.update(prim.GetAttribute(name).GetTimeSamples())
+                for above in map(stage.GetPrimAtPath, prim.GetPath().GetPrefixes()):
+                    moves.update(UsdGeom.Xformable(above).GetTimeSamples() if above.IsA(UsdGeom.Xformable) else ())
     rate = stage.GetTimeCodesPerSecond() or 24.0
     unit = UsdGeom.GetStageMetersPerUnit(stage)
     up = str(UsdGeom.GetStageUpAxis(stage))
-    claim = {"prims": list(places), "times": sorted(times), "rate": rate, "unit": unit, "up": up}
+    claim = {"prims": list(places), "times": sorted(times or moves), "rate": rate, "unit": unit, "up": up}
     paths, time, visible = ask(0, **claim)
     when = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
     names, arrays = [], []

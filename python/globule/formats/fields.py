@@ -55,6 +55,9 @@ _POSITION_WORDS = (
     "center",
     "centre",
     "centroid",
+    "barycenter",
+    "bary",
+    "centerofmass",
     "world",
 )
 _UNIT_WORDS = ("m", "mm", "cm", "um", "nm", "km", "meters", "metres", "angstrom")
@@ -76,6 +79,7 @@ _VECTORS = {
     ("nx", "ny", "nz"): "normal",
     ("red", "green", "blue"): "color",
     ("r", "g", "b"): "color",
+    ("diffuse_red", "diffuse_green", "diffuse_blue"): "color",
 }
 _COMPONENTS = {"velocity": ("vx", "vy", "vz"), "normal": ("nx", "ny", "nz"), "color": ("red", "green", "blue")}
 
@@ -350,11 +354,13 @@ def _as_color(array: np.ndarray, n: int) -> np.ndarray | None:
     if array.shape not in ((3,), (n, 3)) or array.dtype.kind not in "uif":
         return None
     if array.dtype.kind == "f":
-        good = bool(((array >= 0) & (array <= 1)).all())
-        return array.astype(np.float32) if good else None
-    most = 65535 if array.dtype == np.uint16 else 255
-    if array.size and (array.min() < 0 or array.max() > most):
+        if bool(((array >= 0) & (array <= 1)).all()):
+            return array.astype(np.float32)
+        if not (array == np.rint(array)).all():
+            return None
+    if array.size and not 0 <= array.min() <= array.max() <= 65535:
         return None
+    most = 65535 if array.dtype == np.uint16 or (array.size and array.max() > 255) else 255
     return array.astype(np.float32) / np.float32(most)
 
 

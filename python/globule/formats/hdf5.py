@@ -231,7 +231,8 @@ def _contents(path: Any, layout: Layout, arrays: dict[str, np.ndarray]) -> Conte
             placed[:, moving] += arrays.pop("offset").reshape(len(positions), len(moving))
         positions = placed
     if positions.ndim != 2 or positions.shape[1] not in (2, 3):
-        raise bad(path, "positions", f"expected shape (N, 3), got {positions.shape}")
+        remedy = "read it with h5py and pass gb.Particles(positions)"
+        raise bad(path, "positions", f"expected shape (N, 3), got {positions.shape}; {remedy}")
     if positions.shape[1] == 2:
         positions = np.pad(positions, ((0, 0), (0, 1)))
     if layout.box is not None:

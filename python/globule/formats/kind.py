@@ -12,7 +12,7 @@ import re
 import stat
 import zipfile
 from collections import Counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from .._base.checks import a_path
 from .._base.structured import parse_toml
@@ -21,7 +21,7 @@ from .errors import FormatError, bad
 from .fields import place_names
 from .packed import packing, plain_name, unpacked, unpacked_head
 from .registry import FORMATS, Format, formats
-from .table import has_comma, separator_of
+from .table import has_comma, named_line, separator_of
 
 _HEAD = 1 << 16  # bytes that are looked at
 _GRID_HEAD = 4096  # bytes in which legacy VTK says what it holds
@@ -94,9 +94,25 @@ _SHARED = {  # formats that hold several kinds
     "dicom": ("volume", "sweep"),
 }
 _OBJ_WORDS = {"v", "vn", "vt", "f", "o", "g", "s", "l", "p", "mtllib", "usemtl"}
+
+
+def _row(n: int) -> bytes:
+    return rb"[ \t]*\S+" + (n - 1) * rb"[ \t]+\S+" + rb"[ \t]*\r?\n"
+
+
+_UNKNOWN = (
+    "data of no known format; where its own library reads it (ASE, MDAnalysis, meshio), pass gb.Particles(positions)"
+)
 _OTHERS = (  # formats that are not read, and what makes one that is
     (rb"[\s\S]{0,2000}\bFoamFile\b", "OpenFOAM's own: foamToVTK writes .vtk"),
     (rb"\$MeshFormat", "Gmsh's own: gmsh -save -format vtk writes .vtk"),
+    (rb"\s*(?:\*\*[^\n]*\n\s*)*\*(?i:heading|include|node|part|preprint)\b", "Abaqus' own: meshio convert writes .vtu"),
+    (
+        rb"\s*\d+\s+\d+[ \t]*\r?\n" + 4 * _row(3) + 4 * _row(4),
+        "a scan of Leica with its transform: CloudCompare saves .ply",
+    ),
+    (rb"\s*(?:\{|\[\s*(?:[{\"]|\[\s*[-\d]))", "JSON: read it with its own library and pass gb.Particles(positions)"),
+    (rb"PK\x03\x04[\s\S]{26}[^\n]{0,200}\.usd[ac]?", "a package of USD: unzip it and read the .usdc in it"),
     (rb"PK\x03\x04[\s\S]*xl/", "an Excel workbook: save it as .csv"),
     (rb"\s*<[\s\S]{0,2000}VTKFile\b[^>]*\btype *= *[\"']\w+", "another VTK XML: ParaView saves it as .vtk or .vtu"),
 )
@@ -134,13 +150,14 @@ def kind_of(path: str | os.PathLike[str], wanted: str | None = None) -> Kind:
             example = os.path.join(path, f"*{endings[0]}")
             raise bad(path, "", f"expected a file, got a folder; a pattern names those in it, such as '{example}'")
         if found is None:
-            raise bad(path, "", "expected pictures or a DICOM series in this folder, got neither")
+            remedy = "name a file in it, or a pattern of files: 'VTK/*.vtk'"
+            raise bad(path, "", f"expected pictures or a DICOM series in this folder, got neither; {remedy}")
     else:
         found = _by_content(path, wanted)
     found = found or _by_ending(path, wanted)
     if found is None:
         expected = "particles, a mesh, a volume, a sweep, a picture or a scene"
-        raise bad(path, "", f"expected {expected}, got {_other(path)}")
+        raise bad(path, "", f"expected {expected}, got {_other(_head_of(path)[0]) or _UNKNOWN}")
     if found.format in ("vtk", "vts", "vtr") and wanted not in ("particles", "mesh"):
         state = os.stat(path)
         if _is_even_grid(os.path.abspath(path), found.format, state.st_mtime_ns, state.st_size):
@@ -162,11 +179,9 @@ def _is_even_grid(path: str, form: str, changed: int, size: int) -> bool:
         return is_volume(plain)
 
 
-def _other(path: Any) -> str:
-    """What to call a file that is not read."""
-    with open(path, "rb") as file:
-        head = file.read(_HEAD)
-    return next((said for content, said in _OTHERS if re.match(content, head)), "data of no known format")
+def _other(head: bytes) -> str:
+    """What to call a file that is not read, by its beginning."""
+    return next((said for content, said in _OTHERS if re.match(content, head)), "")
 
 
 def kind_or_none(path: str | os.PathLike[str], wanted: str | None = None) -> Kind | None:
@@ -202,11 +217,7 @@ def _by_ending(path: str | os.PathLike[str], wanted: str | None = None) -> Kind 
 
 
 def _by_content(path: str | os.PathLike[str], wanted: str | None) -> Kind | None:
-    with open(path, "rb") as file:
-        head = file.read(_HEAD)
-        size = os.fstat(file.fileno()).st_size
-    if packing(head):
-        head, size = unpacked_head(path, _HEAD), -1  # how many bytes it unpacks to is not known
+    head, size = _head_of(path)
     if head[:4] == b"PK\3\4":
         with unpacked(path) as plain:
             return _in_archive(plain, wanted)
@@ -222,8 +233,16 @@ def _by_content(path: str | os.PathLike[str], wanted: str | None) -> Kind | None
         theirs = {form.name for form in formats()[len(FORMATS) :] if not form.content}
         if ending and ending.format in theirs:
             return ending  # a table of numbers, in the eyes of globule, may be more to its reader
-        known = None if "\0" in text[:4096] else _in_text(text, ending)
+        known = None if "\0" in text[:4096] or _other(head) else _in_text(text, ending)
     return known
+
+
+def _head_of(path: str | os.PathLike[str]) -> tuple[bytes, int]:
+    """The beginning of a file, of what a packed one holds; its bytes, -1 where they are not known."""
+    with open(path, "rb") as file:
+        head = file.read(_HEAD)
+        size = os.fstat(file.fileno()).st_size
+    return (unpacked_head(path, _HEAD), -1) if packing(head) else (head, size)
 
 
 def _registered(head: bytes, known: tuple[Format, ...]) -> Kind | None:
@@ -238,7 +257,7 @@ def _by_magic(head: bytes, size: int) -> Kind | None:
     if head.startswith(b"\x93NUMPY"):  # frames (F, H, W), or particles (N, 3), (F, N, 3)
         found = re.search(rb"'shape': *\(([^)]*)\)", head[:1024])
         shape = found[1].replace(b" ", b"").split(b",") if found else []
-        return Kind("sweep" if len(shape) == 3 and shape[2] not in (b"", b"3") else "particles", "npy")
+        return Kind("sweep" if len(shape) == 3 and shape[2] not in (b"", b"2", b"3") else "particles", "npy")
     for magic, kind in _MAGIC:
         if head.startswith(magic):
             return kind
@@ -272,18 +291,19 @@ def _tracked(header: bytes) -> str:
 def _in_archive(path: str | os.PathLike[str], wanted: str | None) -> Kind | None:
     try:
         with zipfile.ZipFile(path) as archive:
-            names = {name.removesuffix(".npy") for name in archive.namelist()}
+            names = {*archive.namelist()}
     except (zipfile.BadZipFile, OSError, NotImplementedError, UnicodeError):
         return None  # its reader says what is wrong
     if any(name.lower().endswith(".mrml") for name in names):
         return Kind("sweep", "mrb")
-    if any(name.startswith("xl/") for name in names):
-        return None  # an Excel workbook
-    if "positions" in names:
+    members = {name.removesuffix(".npy") for name in names if name.endswith(".npy")}
+    if not members:
+        return None  # an Excel workbook, a package of USD
+    if "positions" in members:
         return Kind("particles", "npz")
-    if {"values", "world_from_voxel"} <= names:
+    if {"values", "world_from_voxel"} <= members:
         return Kind("volume", "npz")
-    return Kind("sweep" if "frames" in names else wanted or "particles", "npz")
+    return Kind("sweep" if "frames" in members else wanted or "particles", "npz")
 
 
 def _endings_in(path: str | os.PathLike[str]) -> list[str]:
@@ -309,8 +329,10 @@ def _in_folder(path: str | os.PathLike[str]) -> Kind | None:
 def _in_text(text: str, ending: Kind | None) -> Kind | None:
     lines = [line.strip() for line in text.splitlines()[:_LINES]]
     lines = [line for line in lines if line and not line.startswith(("#", "%"))]
-    if not lines:
-        return None
+    if not lines:  # of no particles, where a comment names the columns
+        return (
+            Kind("particles", "csv") if ending and ending.format in _TABLES and named_line(text.splitlines()) else None
+        )
     if re.search(r"^RES_BUF_FRAMES +\d", text, re.MULTILINE):
         return Kind("sweep", "stradwin")
     if lines[0].split()[0].lower() == "solid" and "facet" in text:
@@ -321,13 +343,17 @@ def _in_text(text: str, ending: Kind | None) -> Kind | None:
     if "=" in lines[0] or lines[0].startswith("["):
         return Kind("scene", "toml") if _is_toml(text) else None
     found = _in_table(lines, ending)
-    percent = text.lstrip().startswith("%")  # a comment of MATLAB's tables
-    return Kind("particles", "csv") if found and percent else found
+    mark, row = text.lstrip()[0], lines[0].split()
+    numbers = len(row) > 1 and is_number(row[0])
+    named = numbers and len(named_line(text.splitlines()).split()) == len(row)  # some of whose columns may be words
+    if (found and mark == "%") or (mark == "#" and (named or (found and found.format == "xyz" and numbers))):
+        return Kind("particles", "csv")
+    return found
 
 
 def _in_table(lines: list[str], ending: Kind | None) -> Kind | None:
     """The format of a table of numbers."""
-    rows = [line.split("#")[0].split() for line in lines[:3]]
+    rows = [line.split("#")[0].replace('"', " ").split() for line in lines[:3]]
     named = ending.format if ending else ""
     fewest = 2 if named in _TABLES else _FEWEST_COLUMNS
     last = lines[:2][-1]
@@ -341,7 +367,8 @@ def _in_table(lines: list[str], ending: Kind | None) -> Kind | None:
     head = len(names) >= 2 or (named in _TABLES and not _n_numbers(rows[0]))
     if len(rows) == 1 and len(names) >= 2 and named in _TABLES:  # of no particles
         return Kind("particles", "csv")
-    if head and _n_numbers(rows[-1]) == len(rows[-1]) == len(rows[0]) >= fewest:
+    more = len(rows[-1]) - len(rows[0])  # 1: the names of rows
+    if head and _n_numbers(rows[-1]) >= fewest and (more == 0 or (more == 1 and '"' in lines[-1])):
         return Kind("particles", "csv")
     if len(rows[0]) == 1 and rows[0][0].isdigit():  # a count: nine columns follow, or a title
         nine = len(rows) > 1 and len(rows[1]) == _n_numbers(rows[1]) == _TEXT_COLUMNS

@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import re
 import warnings
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -73,9 +74,10 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     if lines[0].startswith("---"):
         return _yaml_frame(path, lines, before, n_frames)
     items, sections = _items(lines)
-    n = _count(path, lines, items.get("NUMBER OF ATOMS", -1), before)
-    if "ATOMS" not in items:
-        raise bad(path, f"line {before + 1}", "expected ITEM: ATOMS, got none")
+    if lost := [f"ITEM: {name}" for name in ("NUMBER OF ATOMS", "ATOMS") if name not in items]:
+        problem = f"expected {lost[0]}, got none: only dumps of atoms (dump atom, dump custom) have positions"
+        raise bad(path, f"line {before + 1}", problem)
+    n = _count(path, lines, items["NUMBER OF ATOMS"], before)
     box = None
     if "BOX BOUNDS" in items:
         at, title = sections["BOX BOUNDS"]
@@ -212,7 +214,23 @@ def read_data(path: str | os.PathLike[str], atom_style: str | None = None) -> Co
         numbers, place = np.unique(columns["type"], return_inverse=True)
         of_types = of_elements([elements[number] for number in numbers.tolist()])
         columns = _with({name: array[place] for name, array in of_types.items()}, columns)
-    return _contents(path, f"line {at + 1}", columns, box, {}, None, 1, kinds)
+    return _contents(path, f"line {at + 1}", columns | _velocities(path, lines, columns), box, {}, None, 1, kinds)
+
+
+def _velocities(path: Any, lines: list[str], atoms: dict[str, Any]) -> dict[str, np.ndarray]:
+    """vx, vy and vz of the section Velocities, in the order of the atoms; none where it has not all."""
+    at = next((i for i in range(1, len(lines)) if re.match(r"\s*Velocities\b", lines[i])), len(lines))
+    filled = (line for line in lines[at + 1 :] if line.strip())
+    rows = list(takewhile(lambda line: not line.lstrip()[0].isalpha(), filled))
+    if not rows or len(rows) != len(atoms["id"]):
+        return {}
+    names = ["id", "vx", "vy", "vz", *map(str, range(len(rows[0].partition("#")[0].split()) - 4))]
+    found = _columns(path, names, rows, at + 2)
+    here, there = np.argsort(atoms["id"]), np.argsort(found["id"])
+    if not np.array_equal(atoms["id"][here], found["id"][there]):
+        return {}
+    there[here] = there.copy()
+    return {name: found[name][there] for name in names[1:4]}
 
 
 def _with(of_elements: dict[str, np.ndarray], columns: dict[str, Any]) -> dict[str, Any]:

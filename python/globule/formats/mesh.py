@@ -108,7 +108,7 @@ def _parts(mesh: Any) -> Particles | tuple[np.ndarray, _Colors]:
         parts = scene.dump()  # each part where the scene has it
         meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
         if not meshes:
-            return _points(name, parts)
+            return _points(name, parts, linear)
         corners = np.concatenate([part.vertices[part.faces] for part in meshes])
         if corners.shape[1:] != (3, 3):
             raise bad(name, "", "expected vertices of three numbers, got others")
@@ -160,7 +160,7 @@ def _check_instances(name: str, scene: Any) -> None:
     check_memory(name, "", _BYTES_OF_A_TRIANGLE * n_faces)
 
 
-def _points(name: str, parts: list[Any]) -> Particles:
+def _points(name: str, parts: list[Any], linear: bool) -> Particles:
     """What a file without triangles has: points."""
     found = [np.asarray(part.vertices) for part in parts if len(part.vertices)]
     if not found:
@@ -169,7 +169,9 @@ def _points(name: str, parts: list[Any]) -> Particles:
     positions = positions.astype(np.float32)
     shown = f"its {len(positions):,} vertices are shown as points"
     warnings.warn(f"{name}: expected a mesh with faces, got none: {shown}", stacklevel=2)
-    return Particles(positions, origin=origin)
+    colors = [p.colors[:, :3] / 255 for p in parts if len(p.vertices) and len(getattr(p, "colors", ()))]
+    color = np.concatenate(colors) if sum(map(len, colors)) == len(positions) else None
+    return Particles(positions, origin=origin, color=color if color is None or linear else to_linear(color))
 
 
 @opens_packed

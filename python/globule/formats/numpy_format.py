@@ -12,7 +12,7 @@ import os
 import warnings
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import IO, Any
 
 import numpy as np
@@ -84,7 +84,7 @@ def read_npz(
     arrays = _fields(read_archive(path, records=True))
     if columns is not None:
         arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
-    elif len(arrays) == 1 and next(iter(arrays.values())).ndim == 2 and "positions" not in arrays:
+    elif is_table(arrays):
         frame_index(path, frame, 1)
         return Contents(from_columns(path, next(iter(arrays.values()))))  # of np.savez without a name
     contents = _of_frame(path, arrays, frame)
@@ -119,7 +119,7 @@ def read_mat(path: str | os.PathLike[str], columns: Mapping[str, str] | None = N
     arrays = dict(zip(facts["names"], matrices, strict=True))
     if columns is not None:
         arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
-    return _from_arrays(path, arrays)
+    return _from_arrays(path, arrays, facts["structs"])
 
 
 def read_up(path: str | os.PathLike[str]) -> tuple[float, float, float]:
@@ -163,13 +163,17 @@ def _fields(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return found
 
 
-def _from_arrays(path: Any, arrays: dict[str, np.ndarray]) -> Particles:
+def _from_arrays(path: Any, arrays: dict[str, np.ndarray], structs: Sequence[str] = ()) -> Particles:
     placed = with_places(arrays)
     positions = find_positions(placed)
     if positions is None:
-        found = shown(", ".join(arrays))
+        found = shown(", ".join(arrays)) if arrays else "no array of numbers"
         problem = f"expected positions (N, 3), or x, y and z (N,), got {found}"
-        remedy = "load it and pass gb.Particles(positions)"
+        remedy = 'name them: --columns positions=…,radius=… or gb.read(path, columns={"positions": …})'
+        if not arrays or os.fspath(path).lower().endswith(".npy"):
+            remedy = "load it and pass gb.Particles(positions)"
+        if structs:
+            remedy = f"structs are not read: save('NAME.mat', '-struct', {shown(structs[0])}) writes the fields of one"
         if "_facts" in arrays and "place" in arrays:
             remedy = "it is a checkpoint: gb.Simulation.load(path).particles"
         raise bad(path, "archive", f"{problem}; {remedy}")
@@ -202,9 +206,17 @@ def _named(path: Any, arrays: dict[str, np.ndarray], column: str) -> np.ndarray:
     return arrays[column]
 
 
+def in_rows(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """With a row for each particle where positions have one for each axis."""
+    return {
+        name: a.T if name in POSITION_NAMES and a.ndim == 2 and len(a) in (2, 3) and a.shape[1] > 3 else a
+        for name, a in arrays.items()
+    }
+
+
 def with_places(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """With x, y and z joined to positions, and z = 0 for data in a plane."""
-    found = dict(arrays)
+    found = in_rows(arrays)
     for name in ("positions", "position", "pos", "points", "coordinates", "coords", "xy"):
         array = found.get(name)
         if array is not None and array.ndim == 2 and array.shape[1] == 2:
@@ -347,19 +359,30 @@ def from_columns(path: Any, array: np.ndarray, names: list[str] | None = None) -
     if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "biuf":
         got = f"{array.dtype} {array.shape}"
         raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {got}")
+    if names is None:
+        array = np.ascontiguousarray(rows_of(path, array))
     if array.shape[1] == 2:  # in the plane z = 0
         array = np.pad(array, ((0, 0), (0, 1)))
-    if len(array) in (2, 3) and array.shape[1] > _MOST_COLUMNS:
-        got = f"{len(array)} rows of {array.shape[1]:,}"
-        warnings.warn(f"{path}: expected a row for each particle, got {got}: taken as columns", stacklevel=2)
-        return from_columns(path, np.ascontiguousarray(array.T))
-    if names is None:
-        names = names_of_columns(path, array)
+    names = names or names_of_columns(path, array)
     first = names.index("x")
     columns = {name: array[:, i] for i, name in enumerate(names) if not first <= i < first + 3}
     if "id" in columns:
         columns["id"] = columns["id"].astype(np.int64)
     return particles_from(path, array[:, first : first + 3], columns)
+
+
+def is_table(arrays: Mapping[str, np.ndarray]) -> bool:
+    """Whether one array holds all columns, as of np.savez without a name."""
+    return len(arrays) == 1 and next(iter(arrays.values())).ndim == 2 and "positions" not in arrays
+
+
+def rows_of(path: Any, array: np.ndarray) -> np.ndarray:
+    """An array with a row for each particle, of one that may have a row for each axis, with a warning."""
+    if len(array) not in (2, 3) or array.shape[1] <= _MOST_COLUMNS:
+        return array
+    got = f"{len(array)} rows of {array.shape[1]:,}"
+    warnings.warn(f"{path}: expected a row for each particle, got {got}: taken as columns", stacklevel=2)
+    return array.T
 
 
 def names_of_columns(path: Any, array: np.ndarray) -> list[str]:

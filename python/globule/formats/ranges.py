@@ -25,7 +25,7 @@ from .bgeo import is_mappable as bgeo_is_mappable
 from .errors import FormatError, bad, faults
 from .fields import POSITION_NAMES, find_positions, particles_from, say_origin, say_radii
 from .kind import kind_of
-from .numpy_format import DAMAGED, from_columns, names_of_columns, read_header, with_places
+from .numpy_format import DAMAGED, from_columns, in_rows, is_table, names_of_columns, read_header, rows_of, with_places
 from .numpy_format import is_mappable as npz_is_mappable
 from .packed import is_packed
 from .vtk_xml import MappedVtk
@@ -61,20 +61,20 @@ def has_ranges(path: str | os.PathLike[str], given: Collection[str] = ()) -> boo
     if kind == "hdf5":
         return not {"where", "center", "min_component"} & {*given}
     mappable = MAPPABLE.get(kind)
-    if kind in ("npy", "npz") and _has_frames(path, kind):
+    if kind in ("npy", "npz") and _is_whole(path, kind):
         return False
     return {*given} <= {"radius_is", "origin", "scale"} and (
         kind in FORMATS or (mappable is not None and mappable(path))
     )
 
 
-def _has_frames(path: Any, kind: str) -> bool:
-    """Whether positions have an axis of frames; False of a damaged file."""
+def _is_whole(path: Any, kind: str) -> bool:
+    """Whether positions have an axis of frames, or arrays have fields; False of a damaged file."""
     try:
         arrays = {"positions": _mapped(path, "array", 0)} if kind == "npy" else _members(path)
     except (FormatError, OSError):
         return False
-    return any(name.lower() in POSITION_NAMES and array.ndim == 3 for name, array in arrays.items())
+    return any(a.dtype.names or (name.lower() in POSITION_NAMES and a.ndim == 3) for name, a in arrays.items())
 
 
 def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
@@ -132,7 +132,8 @@ def _ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
     if kind.format == "npy":
         return _of_array(path, _mapped(path, "array", 0))
     if kind.format == "npz":
-        return _of_arrays(path, _members(path))
+        arrays = _members(path)
+        return _of_array(path, *arrays.values()) if is_table(arrays) else _of_arrays(path, arrays)
     if kind.format == "hdf5":
         from . import hdf5
 
@@ -188,7 +189,7 @@ def _mapped(path: Any, name: str, offset: int) -> np.ndarray:
     with open(path, "rb") as file:
         held = os.fstat(file.fileno()).st_size
         file.seek(offset)
-        shape, fortran, dtype = read_header(path, name, file, held - offset)
+        shape, fortran, dtype = read_header(path, name, file, held - offset, records=True)
         start = file.tell()
     if not np.prod(shape):
         return np.empty(shape, dtype)
@@ -199,6 +200,7 @@ def _mapped(path: Any, name: str, offset: int) -> np.ndarray:
 def _of_array(path: Any, array: np.ndarray) -> Ranges:
     if array.ndim != 2:
         raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {array.shape}")
+    array = rows_of(path, array)
     names = names_of_columns(path, array) if array.shape[1] > 3 else None
     return Ranges(len(array), lambda first, last: from_columns(path, _rows(array, first, last), names))
 
@@ -244,6 +246,7 @@ def _members(path: Any) -> dict[str, np.ndarray]:
 
 def _of_arrays(path: Any, arrays: Mapping[str, np.ndarray]) -> Ranges:
     """Rows of those arrays that have one for each particle, and all of the others."""
+    arrays = in_rows(arrays)
     ends = {name: a[:1] if a.ndim else a for name, a in arrays.items()}
     positions = find_positions(with_places(ends))
     if positions is None:

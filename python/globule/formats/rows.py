@@ -20,6 +20,9 @@ NO_NUMBER = ("", "NA", "<NA>", "N/A", "#N/A", "n/a", "NULL", "null", "None", "--
 Rest = tuple[bytes, int] | None  # a text, and the byte from which its rows are plain
 
 
+_TRUTH = {"true": 1, "false": 0}
+
+
 class NotPlainError(Exception):
     """A table that needs more than its first rows to tell how it is read."""
 
@@ -53,11 +56,9 @@ def particles_of_rows(
     # Two numbers beside a word without a name are not a place in a plane: one of three is damaged.
     if len(numeric) < 2 or (len(numeric) == 2 < len(words) and names_line is None):
         raise no_positions
-    options: dict[str, Any] = {"delimiter": separator}
+    options: dict[str, Any] = {"delimiter": separator, "quotechar": '"'}
     if separator is None:
         options["comments"] = "#"
-    else:
-        options["quotechar"] = '"'
     if len(numeric) < len(words):
         options["usecols"] = numeric
     try:
@@ -87,6 +88,13 @@ def particles_of_rows(
         if rest and is_long(column, words[i]):
             raise NotPlainError
         columns[name] = whole_numbers(path, name, column, words[i], lines, i, **options)
+    for name, word, i in zip(names, words, range(len(words)), strict=True):
+        if name and name not in columns and word.lower() in _TRUTH:
+            if rest:
+                raise NotPlainError
+            found_words = [one.strip().lower() for one in parse_words(lines, i, **options)]
+            if {*found_words} <= _TRUTH.keys():
+                columns[name] = np.array([_TRUTH[one] for one in found_words])
     if units:
         units.update(in_one_unit(path, columns, units))
     if unnamed and is_whole(words[0]):

@@ -1,12 +1,12 @@
 """Tables of numbers: .xyz (blank-separated) and .csv (separated by commas, semicolons, tabs,
 bars or blanks).
 
-.xyz  columns x y z [more]; a comment `# x y z name...` as the first line names them. A count and
-      a title may come before the rows (XMol), and an element or type before each of them; a .pts
-      has a count alone.
+.xyz  columns x y z [more]; with a comment before the rows it is read as a .csv. A count and a title
+      may come before the rows (XMol), and an element or type before each of them; a .pts has a
+      count alone.
 .csv  the first line may name the columns, with units: `x [m]`, `rho (kg/m3)`; columns that are not
-      numbers are left out. Lines that begin with # or % are comments; the last of them before the
-      rows names the columns where no other line does. A missing number of an attribute is NaN:
+      numbers are left out. Lines that begin with # or % are comments; the last of them with names
+      of places names the columns where no other line does. A missing number of an attribute is NaN:
       a cell that is empty, `NA`, `N/A`, `null` or `None`.
       Decimal commas are understood where they do not separate.
 
@@ -47,8 +47,10 @@ _POINTS = {
 _PLAIN = 1 << 22  # bytes of a .csv that pays for loading pyarrow
 _HEAD = 1 << 16  # bytes of it that tell its columns
 _MOST_TITLES = 20  # lines before the names of the columns
+_MOST_UNITS = 4  # lines behind them, up to that with the units
 _MOST_WHOLE = 100  # rows in which a decimal comma is looked for
 _MOST_BLANK = 10_000  # rows in which the first word of a column is looked for
+_NOTE = re.compile(r"\s#(?!N/A)")  # behind a row
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+")
 _NAMED = 1 << 13  # bytes in which the names of columns are looked for
 
@@ -100,13 +102,9 @@ def _whole_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None) 
 
 
 def read_xyz(path: str | os.PathLike[str], frame: int | None = 0) -> Contents:
-    """Read an .xyz. Columns of whole numbers without a point become int64, others float64. frame: as
-    for `read_csv` where a comment names the columns."""
-    with open(path, "rb") as file:
-        named = file.read(1) == b"#"
-    found = text_frame(path, 0 if named else frame or 0, _frames_of_xyz)
-    contents = Contents(_read_xyz(path, found.lines, found.before), n_frames=found.n_frames)
-    return frame_by_column(path, contents, frame) if named and frame is not None else contents
+    """Read an .xyz. Columns of whole numbers without a point become int64, others float64."""
+    found = text_frame(path, frame or 0, _frames_of_xyz)
+    return Contents(_read_xyz(path, found.lines, found.before), n_frames=found.n_frames)
 
 
 def _frames_of_xyz(_: Any, lines: list[str]) -> list[int]:
@@ -153,18 +151,22 @@ def _quoted(name: str) -> str:
 def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = None, rest: Rest = None) -> Contents:
     """rest: plain rows behind the lines. Raises FormatError; NotPlainError where they are not."""
     start = next((i for i, line in enumerate(lines) if _is_row(line)), None)
+    if start is None and (names_alone := named_line(lines)):
+        lines, start = [names_alone], 0
     if start is None:
         raise bad(path, "line 1", "expected column names or numbers, got an empty file")
     start = _titles(lines, start)
     separator = separator_of(lines[start])
     names, head, unnamed = _csv_words(path, lines[start], start, separator), start, False
-    if all(is_number(name) or has_comma(name) for name in names):
-        comments = [i for i, line in enumerate(lines[:start]) if line.strip()]
+    comments = [i for i, line in enumerate(lines[:start]) if line.strip()]
+    texts = ((i, _said_names(path, lines[i], i, separator, len(names))) for i in comments[:-_MOST_TITLES:-1])
+    named_by = next((one for one in texts if place_names(split_units(one[1])[0])), None)
+    numbers = sum(is_number(name) or has_comma(name) for name in names)
+    if numbers == len(names) or (named_by and numbers > 1):
         said: list[str] = []
         if comments:
             head = comments[-1]
-            text = lines[head].strip().lstrip("#%/ ")
-            said = _said_names(path, text, head, separator, len(names))
+            head, said = named_by or (head, _said_names(path, lines[head], head, separator, len(names)))
         words_only = said and not any(map(is_number, said))
         names = said if words_only else default_names(len(names))
         unnamed = not words_only
@@ -172,15 +174,23 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
         start += 1
         if all(re.fullmatch("'[^']*'", name) for name in names):
             names = [name.strip("'") for name in names]
-        below = next((i for i in range(start, len(lines)) if _is_row(lines[i])), None)
-        if below is not None:
-            said_below = _units_below(path, names, _csv_words(path, lines[below], below, separator))
+        for i in [i for i in range(start, start + _MOST_UNITS) if i < len(lines) and _is_row(lines[i])]:
+            said_below = _units_below(path, names, _csv_words(path, lines[i], i, separator))
             if said_below is not names:
-                names, start = said_below, below + 1
+                names, start = said_below, i + 1
+                break
     first = next((i for i in range(start, len(lines)) if _is_row(lines[i])), None)
     words = ["0"] * len(names)
     if first is not None:
-        words = _csv_words(path, lines[first], first, separator)
+        words, start = _csv_words(path, lines[first], first, separator), first
+        if len(words) == 1 < len(names) and words[0] == str(sum(map(_is_row, lines[first + 1 :])) or ""):
+            first += 1  # behind how many follow, by CloudCompare
+            words, start = _csv_words(path, lines[first], first, separator), first
+        if len(words) == len(names) + 1:
+            if not words[-1]:  # a separator ends each row
+                names = [*names, ""]
+            elif lines[first].startswith('"'):  # the name of a row, by R
+                names = ["", *names]
     if len(words) != len(names):
         raise bad(path, f"line {start + 1}", f"expected {len(names)} columns, got {len(words)}")
     rows = lines[start:]
@@ -221,15 +231,26 @@ def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = Non
     return Contents(particles, units=held_units(particles, units))
 
 
-def _said_names(path: Any, text: str, i: int, separator: str | None, n: int) -> list[str]:
-    """The words of a comment that names n columns; none of another comment. Names between blanks may
-    have a unit behind them, or blanks of their own where two and more separate them: as of COMSOL."""
-    for mark in dict.fromkeys((separator, separator_of(text))):
-        if len(words := _csv_words(path, text, i, mark)) == n:
-            return words
-    for words in (re.sub(r"\s+([\[(][^\])]*[\])])", r"\1", text).split(), re.split(r"\s{2,}", text.strip())):
-        if len(words) == n:
-            return words
+def named_line(lines: list[str]) -> str:
+    """The first comment that names places, without its mark; empty where none does."""
+    plain = (line.strip().lstrip("#%/! ") for line in lines[:_MOST_TITLES])
+    return next((line for line in plain if place_names(split_units(line.split(separator_of(line)))[0])), "")
+
+
+def _said_names(path: Any, line: str, i: int, separator: str | None, n: int) -> list[str]:
+    """The words of a comment that names n columns, perhaps behind a word for them or with their numbers;
+    none of another comment. Names between blanks may have a unit behind them, or blanks of their own
+    where two and more separate them: as of COMSOL."""
+    text = re.sub(r"(?<!\S)(?:\[\d+\][=:]?|\d+[:=])(?=[^\W\d])", "", line.strip().lstrip("#%/! "))
+    if re.fullmatch(r"format \S+", text):  # Yade's: `#format x_y_z_r_matId`
+        text = re.sub(r"_r(?=_|$)", "_radius", text[7:]).replace("_", " ")
+    for said in (re.sub(r"^(?i:c|columns|fields|names|variables)\b:? +", "", text), text):
+        for mark in dict.fromkeys((separator, separator_of(said))):
+            if len(words := _csv_words(path, said, i, mark)) == n:
+                return words
+        for words in (re.sub(r"\s+([\[(][^\])]*[\])])", r"\1", said).split(), re.split(r"\s{2,}", said.strip())):
+            if len(words) == n:
+                return words
     return []
 
 
@@ -261,13 +282,13 @@ def _titles(lines: list[str], start: int) -> int:
 
 def _is_row(line: str) -> bool:
     text = line.strip()
-    return bool(text.strip(';,|\t"')) and text[0] not in "#%"  # Excel writes rows of separators alone
+    return bool(text.strip(';,|\t"-=+ ')) and text[0] not in "#%"  # rows of separators alone; a line below names
 
 
 def separator_of(line: str) -> str | None:
     """Semicolon, comma, tab, bar, or None for blanks; quoted text and the commas of numbers do not
     count."""
-    plain = re.sub(r'"[^"]*"', "", line)
+    plain = _NOTE.split(re.sub(r'"[^"]*"', "_", line), maxsplit=1)[0]
     if all(map(has_comma, plain.split())) and len(plain.split()) > 1:
         plain = plain.replace(",", ".")
     for mark in (";", ",", "\t", "|"):
@@ -311,7 +332,8 @@ def _renamed(path: Any, names: list[str], named: Mapping[str, str]) -> list[str]
 
 def _csv_words(path: Any, line: str, i: int, separator: str | None) -> list[str]:
     if separator is None:
-        return line.split()
+        line = _NOTE.split(line, maxsplit=1)[0]
+        return [word.strip('"') for word in re.findall(r'"[^"]*"|\S+', line)] if '"' in line else line.split()
     try:
         return [word.strip() for word in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error as error:
@@ -332,53 +354,36 @@ def _fill_words(path: Any, names: list[str], words: list[str], lines: list[str],
 
 def _read_xyz(path: Any, lines: list[str], before: int = 0) -> Particles:
     """before: how many lines of the file come before these."""
-    start, count, names = 0, None, None
+    start, count = 0, None
     head = lines[0].split()
     if len(head) == 1 and head[0].isascii() and head[0].isdigit() and len(head[0]) < 16:
         count, start = int(head[0]), 2  # XMol: a count, a title
         if os.fspath(path).lower().endswith(".pts") or _is_points(lines, count):
             start = 1
-    elif head and head[0].startswith("#"):
-        names = lines[0].replace("#", " ", 1).split()
-        if len(names) == 2 and names[0] == "format":  # Yade's: `#format x_y_z_r_matId`
-            names = ["radius" if name == "r" else name for name in names[1].split("_")]
-        axes = place_names(names)
-        names = [axes.get(name, name) for name in names]
     first = next((line for line in lines[start:] if line.strip() and not line.strip().startswith("#")), "")
     words = first.partition("#")[0].split()
-    if not words and names and {name.lower() for name in names} >= {"x", "y"}:
-        words = ["0"] * len(names)  # a file of no particles
     if not words and count != 0:
         raise bad(path, f"line {len(lines)}", "expected rows x y z, got none")
     rows = lines[start:]
     if count is not None and any("#" in line for line in rows):
         rows = [line.partition("#")[0] for line in rows]
-    units: dict[str, str] = {}
-    if names and len(names) != len(words) and head[0].startswith("#"):  # with units behind them
-        said, units = split_units(_said_names(path, lines[0].replace("#", " ", 1), 0, None, len(words)))
-        axes = place_names(said)
-        names = [axes.get(name, name) for name in said] or names
-        units = {axes.get(name, name): unit for name, unit in units.items()}
     elements: dict[str, np.ndarray] = {}
     kinds: dict[str, dict[int, str]] = {}
-    unnamed = False
-    if names is None or len(names) != len(words):
-        unnamed = start != 1
-        names = _POINTS.get(len(words), default_names(len(words)))
-        if start != 1:
-            first_words = _first_words(rows, words, count)
-            if first_words and first_words[0].isdigit():
-                elements = {"type": np.array(first_words, np.int64)}
-            elif first_words:
-                elements = of_elements(first_words)
-                kinds = type_names(first_words, elements)
-            skip = 1 if first_words else 0
-            names = ["element"] * skip + default_names(len(words) - skip)
-            words[:skip] = ["element"] * skip
+    names = _POINTS.get(len(words), default_names(len(words)))
+    if start != 1:
+        first_words = _first_words(rows, words, count)
+        if first_words and first_words[0].isdigit():
+            elements = {"type": np.array(first_words, np.int64)}
+        elif first_words:
+            elements = of_elements(first_words)
+            kinds = type_names(first_words, elements)
+        skip = 1 if first_words else 0
+        names = ["element"] * skip + default_names(len(words) - skip)
+        words[:skip] = ["element"] * skip
     if count == 0:
         names = words = default_names(3)
     particles = particles_of_rows(
-        path, names, words, rows, before + start + 1, None, extra=elements, unnamed=unnamed, units=units
+        path, names, words, rows, before + start + 1, None, extra=elements, unnamed=start != 1
     )
     particles.names = kinds
     if count is not None and len(particles) != count:

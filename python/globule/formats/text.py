@@ -25,7 +25,8 @@ def read(path: str | os.PathLike[str]) -> Particles:
     lines = text_lines(path)
     count = lines[0].strip()
     if not (count.isascii() and count.isdigit() and len(count) < 16):
-        raise bad(path, "line 1", f"expected the number of particles, got {shown(count)}")
+        remedy = "a table has the names of its columns there, x y z …, and as many words in each row"
+        raise bad(path, "line 1", f"expected the number of particles, got {shown(count)}; {remedy}")
     rows = parse_rows(path, lines[1:], 2, len(_COLUMNS))
     if len(rows) != int(count):
         where = f"line {len(lines)}"

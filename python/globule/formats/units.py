@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..data.particles import Particles
-from ..data.radii import length_name
+from ..data.radii import length_name, may_be_length
 from ..data.scale import LENGTHS
 from .errors import bad, shown
 
@@ -68,7 +68,8 @@ def in_one_unit(path: Any, columns: dict[str, np.ndarray], units: Mapping[str, s
     after = dict(units)
     place = next((name for name in ("x", "positions", "y") if name in units), "")
     for name in columns:
-        if name not in units or not (name in _PLACES or name == "support" or length_name(name) in LENGTHS):
+        is_length = name in _PLACES or name == "support" or length_name(name) in LENGTHS
+        if name not in units or not (is_length or (may_be_length(name) and meters(units[name]))):
             continue
         have, want = meters(units[name]), meters(units[place]) if place else 0.0
         if not place or units[name] == units[place] or (have and have == want):

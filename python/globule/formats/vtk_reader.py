@@ -200,7 +200,7 @@ class VtkReader:
     def type_of(self, words: list[bytes], i: int) -> str:
         """The type of numbers that is a line's i-th word."""
         word = words[i] if i < len(words) else b"the end of the line"
-        kind = word.decode("latin-1").lower()
+        kind = word.decode("latin-1").lower().removesuffix("s")  # floats, by ESPResSo
         if kind not in _TYPES:
             self.fail(f"expected a numeric type after {shown(words[0])}, got {shown(word)}")
         return kind

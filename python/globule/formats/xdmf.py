@@ -316,7 +316,12 @@ class _Items:
         places[key] = place
         if rows:
             ranges[key] = rows
-        return lambda: np.atleast_1d(self.arrays[key])
+
+        def held() -> np.ndarray:
+            array = np.atleast_1d(self.arrays[key])
+            return _as_said(element, array) if array.ndim == 1 else array
+
+        return held
 
     def _slab(self, name: str, element: Any, children: list[Any], depth: int) -> Callable[[], Any]:
         if len(children) != 2:
@@ -330,7 +335,6 @@ class _Items:
         if min(start) < 0 or min(stride) < 1 or min(count) < 1:
             raise bad(self.path, name, f"expected a HyperSlab with counts from 1, got {count}")
         whole = self.plan(name, children[1], depth + 1, (start[0], ends[0]))
-        words = element.get("Dimensions", "").split()
 
         def cut() -> np.ndarray:
             array = whole()
@@ -339,11 +343,7 @@ class _Items:
                 got = f"a HyperSlab up to {ends}"
                 raise bad(self.path, name, f"expected one within {list(array.shape)}, got {got}")
             steps = zip(begins, lasts, stride, strict=True)
-            array = array[tuple(slice(*step) for step in steps)]
-            if all(w.isdigit() and len(w) < 16 for w in words) and words:
-                shape = tuple(map(int, words))
-                if math.prod(shape) == array.size:
-                    array = array.reshape(shape)
+            array = _as_said(element, array[tuple(slice(*step) for step in steps)])
             one_step = len(array) == 1 and (array.ndim == 3 or array.shape[1:] > (3,))
             return array[0] if one_step else array
 
@@ -366,6 +366,13 @@ class _Items:
             return np.concatenate(parts, axis=-1) if len(parts) > 1 else parts[0]
 
         return join
+
+
+def _as_said(element: Any, array: np.ndarray) -> np.ndarray:
+    """An array in the Dimensions of its item, where they have as many numbers."""
+    words = element.get("Dimensions", "").split()
+    shape = tuple(map(int, words)) if all(w.isdigit() and len(w) < 16 for w in words) else ()
+    return array.reshape(shape) if words and math.prod(shape) == array.size else array
 
 
 def _shape(path: Any, name: str, element: Any) -> tuple[int, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -21,6 +22,7 @@ from ..data.spacing import normal_of
 from ..fluids.likeness import RADII, suitable_surface
 from ..scene.fitting import octree_bytes, room_on
 from ..scene.scene import KERNELS, REACH, SMOOTH_SUPPORT, SPHERE_SUPPORT, SURFACES, SceneBase, threshold_of
+from ..scene.sources import in_spacing
 from .partition import Partition, Space, cells_of, codes_of, histogram, space_around
 from .store import CHUNK, TELLING, Columns, Files, Layout, Source, both, check_reach, source_of
 from .survey import radii_of, reach_of, survey
@@ -236,7 +238,7 @@ class Pieces(Owner):
         """How far kernels reach, and what their particles' rows have."""
         if self.surface == "smooth":
             assert self.spacing is not None
-            self._layout = self._layout.with_each("weight")
+            self._layout = self._layout.without("support").with_each("weight")
             self.support = SMOOTH_SUPPORT * self.spacing
             self._typical = self.reach = 2 * SMOOTH_REACH * self.spacing
         elif self.surface == "spheres" and self._has_radii:
@@ -408,6 +410,8 @@ class Pieces(Owner):
         reach = self.reach if axes is None else axes
         positions = to_host(some.positions)
         row, piece = self.partition.needed(positions, reach)
+        if self.surface == "smooth":
+            some = replace(some, weight=in_spacing(some, self.spacing))
         name, colormap, ends = self._color
         rows = self._layout.rows(some if name is None else color_by(some, name, colormap, ends))
         rows = rows[row]

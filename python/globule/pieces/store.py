@@ -92,12 +92,13 @@ class Layout(NamedTuple):
 
     def with_each(self, name: str) -> Layout:
         """With columns for a field."""
-        one = {k: v for k, v in self.one.items() if k != name}
-        return Layout((*self.without(name).each, name), one)
+        plain = self.without(name)
+        return Layout((*plain.each, name), plain.one)
 
     def without(self, *names: str) -> Layout:
-        """Without columns for these."""
-        return Layout(tuple(k for k in self.each if k not in names), self.one)
+        """Without these."""
+        one = {k: v for k, v in self.one.items() if k not in names}
+        return Layout(tuple(k for k in self.each if k not in names), one)
 
     def rows(self, particles: Particles) -> np.ndarray:
         """(N, width) float32."""

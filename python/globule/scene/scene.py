@@ -19,7 +19,16 @@ from ..data.particles import Particles
 from ..data.radii import find_radii
 from ..data.spacing import FEW, normal_of
 from .octree import Octree
-from .sources import MAX_SUPPORT, as_particles, check_supports, check_update, field_of, space_of, values_of_particles
+from .sources import (
+    MAX_SUPPORT,
+    as_particles,
+    check_supports,
+    check_update,
+    field_of,
+    in_spacing,
+    space_of,
+    values_of_particles,
+)
 from .thesis import Thesis, check_tracing
 
 if TYPE_CHECKING:
@@ -201,7 +210,7 @@ class SceneBase(Owner):
             support, one_support = ABSENT, self._support
         else:
             support, one_support = field_of("support", p.support, None, n)
-        weight, one_weight = field_of("weight", p.weight, None, n)
+        weight, one_weight = field_of("weight", in_spacing(p, spacing) if smooth else p.weight, None, n)
         color, one_color = field_of("color", p.color, 3, n)
         reflection, one_reflection = field_of("reflection", p.reflection, None, n)
         refraction, one_refraction = field_of("refraction", p.refraction, None, n)
@@ -236,6 +245,8 @@ class SceneBase(Owner):
             measured = _spacing(self._raw, p, self.surface)
             known = dict.fromkeys(SURFACES if n < FEW else (self.surface,), measured)
             one_support = defaults_of(self.surface, self.kernel)[0] * (measured or 1.0)
+            if smooth:
+                arrays[1] = weight = field_of("weight", in_spacing(p, measured), None, n)[0]
             if measured and smooth and n > A_DOZEN:
                 spacing = measured
             elif measured and n > A_DOZEN:  # of fewer it is found anew next time

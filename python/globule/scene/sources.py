@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base.arrays import ABSENT, View, on_gpu, view
+from .._base.arrays import ABSENT, View, on_gpu, to_host, view
 from .._base.checks import corners
 from ..data.particles import FIELDS, Particles
 
@@ -94,6 +94,14 @@ def field_of(name: str, value: Any, columns: int | None, n: int) -> tuple[View, 
     if v.shape[0] != n:
         raise ValueError(f"{name}: expected {n} particles, got {v.shape[0]}")
     return v, None
+
+
+def in_spacing(p: Particles, spacing: float | None) -> Any:
+    """Weights for kernels of a spacing. A particle's own weight is for its own support: 1 stands for a
+    volume of half the support, cubed."""
+    if not spacing or p.support is None or np.ndim(p.weight) == 0:
+        return p.weight
+    return np.float32(to_host(p.weight) * (to_host(p.support) / (2.0 * spacing)) ** 3)
 
 
 def values_of_particles(values: Any, n: int) -> tuple[View, np.ndarray, np.ndarray]:
