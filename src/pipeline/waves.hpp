@@ -131,16 +131,23 @@ private:
     void pack(std::uint32_t samples) {
         RaySource& source = rays_.source;
         const RaySource pixels = source;
-        const std::size_t items = source.n_items(), n = items * samples;
-        std::uint32_t* place = n_children_.reserve(2 * n + 1);
+        constexpr std::uint32_t size = Exec::Group::width * Exec::Group::vectors;  // of a tile
+        const std::size_t items = source.n_items(), blocks = items / RaySource::kBlock;
+        std::uint32_t *place = n_children_.reserve(items + blocks + 2), *tile = place + items + 1, n_tiles = 0;
         exec_->for_each(items, CountMarked{pixels, place});
         exec_->clear(place + items, sizeof *place);
         exec_->exclusive_scan(items + 1, place);
-        float* room = side_->floats.reserve(6 * n);
+        exec_->for_each(blocks, CountTiles{samples, size, place, tile});
+        exec_->clear(tile + blocks, sizeof *tile);
+        exec_->exclusive_scan(blocks + 1, tile);
+        exec_->download(&n_tiles, tile + blocks, sizeof n_tiles);
+        const std::size_t n = std::size_t(n_tiles) * size;
+        float* room = side_->floats.reserve(6 * n + 1);
         std::uint32_t* numbers = packed_.reserve(n + pixels.n);
-        std::uint8_t* is_there = is_there_.reserve(n);
+        std::uint8_t* is_there = is_there_.reserve(n + 1);
         exec_->clear(is_there, n);
-        exec_->for_each(items, PackMarked{pixels, samples, place, room, room + 3 * n, numbers, numbers + n, is_there});
+        exec_->for_each(
+            items, PackMarked{pixels, samples, size, place, tile, room, room + 3 * n, numbers, numbers + n, is_there});
         source.n = n;
         source.origins = room;
         source.directions = room + 3 * n;

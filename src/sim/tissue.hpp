@@ -360,7 +360,7 @@ private:
     static constexpr double kBorne = 1.5, kMostStiffening = 256.0;
     static constexpr double kStrainOfPart = 2.0, kMostByStrain = 2.0;
     /// Of a step, where tissue is beside these; beside a fluid, of springs.
-    static constexpr float kSubstepsByFluid = 10.0f, kSubstepsByFaces = 6.0f, kSubstepsByOthers = 2.0f,
+    static constexpr float kSubstepsByFluid = 8.0f, kSubstepsByFaces = 6.0f, kSubstepsByOthers = 2.0f,
                            kSubstepsOfSprings = 4.0f;
     static constexpr float kJumpOfPart = 0.5f, kReachOfGrasp = 8.0f,
                            kMostJumps =
