@@ -234,6 +234,16 @@ def test_bi4(tmp_path):
     assert close(particles.attributes["mass"][:5], 0.3)
 
 
+@pytest.mark.parametrize(("axes", "spacing"), [(2, 0.01), (2, 40.0), (3, 0.01), (3, 40.0)])
+def test_the_weight_of_sph_is_that_of_its_plane_or_space(tmp_path, axes, spacing):
+    places = np.stack(np.meshgrid(*[np.arange(6.0)] * axes), -1).reshape(-1, axes) * spacing
+    held = [1.3 * spacing, 1000 * spacing**axes, 1000]
+    columns = np.concatenate([places, np.tile(held, (len(places), 1))], 1)
+    header = ",".join([*"xyz"[:axes], "h", "m", "rho"])
+    np.savetxt(tmp_path / "a.csv", columns, delimiter=",", comments="", header=header)
+    assert close(gb.read(tmp_path / "a.csv").weight, 1.3**-axes)
+
+
 def test_collections_of_files(tmp_path):
     names = [f"{i}.vtp" for i in range(3)]
     for i, name in enumerate(names):

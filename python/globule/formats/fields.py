@@ -73,6 +73,7 @@ _SUPPORT_NAMES = {"smoothing_length": 2, "h": 2, "radius": 4, "pscale": 4, "diam
 _LENGTH_NAMES = ("smoothing_length", "h")
 _MASS_NAMES = ("mass", "masses", "m")
 _DENSITY_NAMES = ("density", "densities", "rho", "rhop")
+_OF_FLUIDS = 0.02, 3.0  # weights: supports of seven spacings, of one and a half
 _VECTORS = {
     ("x", "y", "z"): "positions",
     ("vx", "vy", "vz"): "velocity",
@@ -400,18 +401,19 @@ def _derive_support(
                 known = value.astype(np.float32) if sizes is None else sizes
                 fields["support"] = (support_per_h if of_h else factor) * known
             if of_h and "weight" not in fields and value.shape == (n,):
-                _derive_weight(fields, attributes, n)
+                _derive_weight(fields, attributes, positions)
             return
 
 
-def _derive_weight(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int) -> None:
+def _derive_weight(fields: dict[str, Any], attributes: dict[str, np.ndarray], positions: np.ndarray) -> None:
     """weight = 8 m / (rho R^3), with the support R.
 
     In SPH a particle stands for the volume m / rho, and a kernel of support R is scaled by 1 / R^3
     (Monaghan 2005, eq. 2.8). A particle whose volume is the cube of half its support, as the
-    default support of two spacings has it, gets the weight 1.
+    default support of two spacings has it, gets the weight 1. In the plane, m / rho is an area, and
+    the weight 4 m / (rho R^2): where particles lie in one, unless the first one is that of a fluid.
     """
-    lower = {name.lower(): name for name in attributes}
+    n, lower = len(positions), {name.lower(): name for name in attributes}
     found = []
     for names in (_MASS_NAMES, _DENSITY_NAMES):
         name = next((lower[k] for k in names if k in lower), None)
@@ -420,7 +422,11 @@ def _derive_weight(fields: dict[str, Any], attributes: dict[str, np.ndarray], n:
             return
         found.append(value.astype(np.float64))
     mass, density = found
+    half = fields["support"].astype(np.float64) / 2
     with np.errstate(all="ignore"):
-        weight = (8 * mass / (density * fields["support"].astype(np.float64) ** 3)).astype("f4")
+        weight, flat = ((mass / (density * half**axes)).astype("f4") for axes in (3, 2))
+    in_plane = n > 0 and bool((np.ptp(positions, axis=0) == 0).any())
+    if in_plane and not _OF_FLUIDS[0] < np.median(weight) < _OF_FLUIDS[1]:
+        weight = flat
     if bool((np.isfinite(weight) & (weight > 0)).all()):
         fields["weight"] = weight
