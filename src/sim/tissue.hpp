@@ -339,7 +339,9 @@ public:
     }
 
     /// What bleed() asks for runs beside what is asked for from now on.
-    void begin_aside() { side_->follow(exec_); }
+    void begin_aside() {
+        if (!vessels_.empty()) side_->follow(exec_);
+    }
     /// Blood that comes out of cut ends: the device looks for room, while the tree is that of the positions.  After
     /// gather and begin_aside.
     void bleed(const Tree& tree, const SortedParticles& particles, const sim::Sizes& sizes, float dt);
