@@ -145,6 +145,14 @@ def test_a_click_says_what_is_there_two_measure_and_buttons_cut(watched, page):
     assert np.allclose(cuts.normal, away / np.linalg.norm(away), atol=1e-3)
     page.set("Remove all cuts")
     until(lambda: not cuts.plane)
+    hand.use("Rotate, pick")
+    click(0.5, 0.5)
+    assert (len(hand.picked), len(page.client.marks)) == (1, 1)
+    watched.viewer.state.set(color__by="speed")
+    assert (len(hand.picked), len(page.client.marks)) == (1, 1)
+    watched.viewer.state.set(cuts__plane=True)  # the point may be gone
+    assert (hand.picked, page.client.marks, hand.said) == ([], [], "")
+    watched.viewer.state.set(cuts__plane=False, color__by="")
 
 
 def test_views_bookmarks_and_fit(watched, page):

@@ -18,6 +18,7 @@ from ..overlay import RED, Mark
 from ..plots import line_mark
 from ..roles import STEER
 from ..source import Probed
+from ..state import Names
 from .widgets import safe
 
 ROTATE, MEASURE, CUT = "Rotate, pick", "Measure", "Cut"
@@ -35,6 +36,7 @@ MISSED = 0.01  # of the image's height, by which a click may miss the surface
 STAYS = 4.0  # s that a stroke is shown
 WOUND = (60, 8, 12)
 LONGEST = 12  # attributes in the panel
+MOVING = ("surface.", "cuts.", "slices.", "layers.", "time.frame")  # settings after which other surfaces are seen
 
 
 class Tools:
@@ -49,9 +51,17 @@ class Tools:
             self.choices += (GRASP,)
         if getattr(page.viewer.source, "suction", lambda: None)():
             self.choices += (SUCTION,)
+        page.viewer.state.listen(self._follow)
         command = page.gui.add_command("Next tool", "T")
         command.private = True
         command.on_trigger(safe(page)(lambda event: self.hands[event.client_id].next_tool()))
+
+    def _follow(self, changed: Names) -> None:
+        """What was picked may not be there any more."""
+        if any(name.startswith(MOVING) for name in changed):
+            for hand in [*self.hands.values()]:
+                if hand.picked:
+                    hand.use(hand.tool)
 
     def choices_of(self, client: Client) -> tuple[str, ...]:
         """The tools of a browser; who looks has those that change nothing."""
