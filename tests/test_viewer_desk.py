@@ -198,6 +198,7 @@ def test_keys_reach_the_view_and_a_server_that_ended_is_said(chromium):
         banner = page.get_by_role("alert")
         until(lambda: not banner.is_visible())
         page.set_viewport_size({"width": 500, "height": 480})
+        by.wait_for(state="hidden")  # as on a phone, where they would cover the image
         watched.viewer.close()
         page.get_by_text("The viewer does not answer").wait_for()
 

@@ -494,8 +494,9 @@
 
   desk.prepend(make("h1", { class: "unseen" }, document.title));
   document.body.append(make("main", {}, image, handles.all), desk, banner, notes, dialog);
-  settings(!narrow.matches && kept("inspector", innerWidth >= 900 ? "1" : "0") === "1");
-  open(!narrow.matches && kept("layers", innerWidth >= 900 ? "1" : "0") === "1");
+  const begin = () => [["inspector", settings], ["layers", open]].forEach(([name, put]) => put(!narrow.matches && kept(name, innerWidth >= 900 ? "1" : "0") === "1"));
+  begin();
+  narrow.addEventListener("change", begin);
   setInterval(place, 400);
   addEventListener("resize", () => { place(); say("size", size()); handles.draw(); });
   connect(); tell();
