@@ -166,13 +166,13 @@ public:
         ask_felt();
         const tissue::FeltSums& sums = felt_answer_.wait();
         const auto add = [&](const sim::Impulse& sum, int i) {
-            for (int k = 0; k < 3; ++k)
-                out[6 * i + k] += sum.p[k] / felt_dt_, out[6 * i + 3 + k] += sum.l[k] / felt_dt_;
+            for (int k = 0; k < 3; ++k) out[6 * i + k] += sum.p[k], out[6 * i + 3 + k] += sum.l[k];
         };
         for (int i = 0; i < tissue::kMaxGrasps + felt_shapes_; ++i)
             if (i >= tissue::kMaxGrasps || felt_grasps_ >> i & 1u) add(sums.of[i], i);
         for (int i = 0; i < 2 * tissue::kMaxGrasps; ++i)
             if (felt_grasps_ >> i / 2 & 1u) add(sums.pressed[i], i / 2);
+        for (double& v : out) v /= felt_dt_;
         return out;
     }
     /// What the last step's grasps and shapes felt begins its way to the host, which asks for it at every step.
