@@ -141,6 +141,8 @@ def test_a_collection_of_windows(tmp_path):
     found = read_contents(tmp_path / "a.pvd", frame=1)
     assert (found.n_frames, found.time) == (2, 1.0)
     assert np.allclose(found.particles.positions, CENTERS + 1)
+    (tmp_path / "a.pvd").write_text(f'<VTKFile type="Collection"><Collection>{2 * sets}</Collection></VTKFile>')
+    assert len(gb.read(tmp_path / "a.pvd")) == 24  # also where a run that went on names a file again
     (tmp_path / "out.vtp").write_bytes((tmp_path / "sub dir" / "p0.vtp").read_bytes())
     (tmp_path / "sub dir" / "b.pvd").write_text(
         '<VTKFile type="Collection"><Collection><DataSet file="..\\out.vtp"/></Collection></VTKFile>'
