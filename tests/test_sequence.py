@@ -329,6 +329,12 @@ def test_the_frame_with_most_particles_decides_for_all(tmp_path):
     assert leader(with_frames([str(tmp_path / "a.xyz")])) == 4
     assert main(["convert", str(tmp_path / "a.xyz"), str(tmp_path / "a.pvd")]) == 0
     assert leader(with_frames([str(tmp_path / "a.pvd")])) == 4
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5part", "w") as file:  # whose frames have no size of their own
+        for k, n in enumerate((40, 1000, 30, 40, 40, 30, 20, 20)):
+            for i, axis in enumerate("xyz"):
+                file[f"Step#{k}/{axis}"] = places[:n, i]
+    assert leader(with_frames([str(tmp_path / "a.h5part")])) == 1
     for k in range(len(counts)):  # as large as each other, whatever they name
         naming("vtkMultiBlockDataSet", tmp_path / f"b{k}.vtm", f"a_000{k}.vtp")
     assert leader([str(tmp_path / f"b{k}.vtm") for k in range(len(counts))]) == 4
