@@ -170,5 +170,26 @@ def test_names_of_images_and_movies_are_said(folder, capsys, files):
     for name in files:
         (folder / name).write_text("x,y,z\n0,0,0\n1,0,0\n")
     assert main(["render", *files, "-o", "m.gif"]) == 2
-    expected = "-o: expected a name ending in .png (images) or .mp4 (a movie), got m.gif"
+    expected = "-o: expected a name ending in .png (images) or .mp4 (a movie), or a folder that exists, got m.gif"
+    assert expected in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ending", ["vtp", "npz"])
+def test_columns_of_words_are_said(capsys, ending):
+    text("a.csv", "x,y,z,phase,id\n" + "".join(f"{row},oil,7\n" for row in rows(",").splitlines()))
+    assert main(["convert", "a.csv", f"b.{ending}"]) == 0
+    assert "phase is dropped: a column of words\n" in capsys.readouterr().err
+    for words in (["--color-by", "phase"], ["--where", "phase == 'oil'"]):
+        assert main(["render", "a.csv", "-o", "a.png", *words]) == 2
+        assert "got phase, a column of words: write numbers in their place" in capsys.readouterr().err
+    assert main(["convert", f"b.{ending}", "c.csv"]) == 0
+    assert "phase" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("columns", ["x=x,radius=id", "radius=id", "z=z,y=y"])
+def test_places_are_to_be_among_the_named_columns(capsys, columns):
+    text("a.csv", "x,y,z,id\n" + "".join(f"{row},7\n" for row in rows(",").splitlines()))
+    assert main(["info", "a.csv", "--columns", columns]) == 2
+    given = ", ".join(one.partition("=")[0] for one in columns.split(","))
+    expected = f"a column for x and for y among those named, got '{given}'; its columns are 'x, y, z, id'"
     assert expected in capsys.readouterr().err
