@@ -342,7 +342,7 @@ def test_true_and_false_are_numbers(tmp_path, words, mark):
     assert [*gb.read(tmp_path / "a.csv").attributes] == ["n"]
 
 
-@pytest.mark.parametrize("name", ["Dp", "d_p", "EqDiameter", "Radius"])
+@pytest.mark.parametrize("name", ["Dp", "d_p", "EqDiameter", "Radius", "Particle Size"])
 def test_sizes_in_another_unit(tmp_path, name):
     table = np.column_stack([CENTERS, (1 if name == "Radius" else 2) * 1000 * RADII])
     (tmp_path / "a.csv").write_text(f"X [m],Y [m],Z [m],{name} [mm]\n" + lines(table).replace(" ", ","))
