@@ -176,6 +176,16 @@ def test_pick(capsys):
     assert "picked" not in json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.parametrize("words", [["--preset", "clay", "--samples", "1"], ["--ground", "plain"], ["--ground", "-1.5"]])
+def test_no_ground_hides_a_floor_below_the_particles(capsys, words):
+    with open("floor.obj", "w") as file:
+        file.write("v -3 -2 -3\nv 3 -2 -3\nv 3 -2 3\nv -3 -2 3\nf 1 4 3 2\n")
+    assert main(["render", "ball.npz", "-o", "a.png", *SMALL, "--eye", "0,1.5,9", "--look-at", "0,-1,0",
+                 "--mesh", "floor.obj", "--pick", "24,28", *words]) == 0  # fmt: skip
+    seen = capsys.readouterr().out.splitlines()[-1]
+    assert seen.endswith("nothing" if "-1.5" in words else "of floor.obj"), seen
+
+
 def test_a_sequence_keeps_what_was_found_first():
     moved = ball()
     moved.positions = moved.positions + np.float32([0, 0.4, 0])

@@ -14,8 +14,8 @@ from . import flags
 from .shared import say
 
 OF_RADII = (
-    "note: the particles are spheres of the file's radii (atoms, or no overlap as a fluid's); --surface smooth or balls "
-    "draws another surface"
+    "note: the particles are spheres of the file's radii (atoms, or no overlap as a fluid's); "
+    "--surface smooth or balls draws another surface"
 )
 
 
