@@ -110,6 +110,7 @@ def test_a_legend_in_a_corner_covers_no_other_words():
     ("name", "content", "advice"),
     [
         ("positions", b"FoamFile\n{\n  version 2.0;\n}\n", "OpenFOAM's own: foamToVTK writes .vtk"),
+        ("a.in", b"#==\n# by ASE\n\nlattice_vector 9 0 0\natom 1 2 3 H\natom 1 2 4 H\n", "FHI-aims' own: ASE writes"),
         ("a.msh", b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "Gmsh's own"),
         ("a.inp", b"** made by CAE\n*HEADING\n*Node\n1, 0., 0., 0.\n2, 1., 0., 0.\n", "Abaqus' own: meshio convert"),
         ("a.json", b'[{"x": 1, "y": 2, "z": 3},\n{"x": 1, "y": 2, "z": 3}]', "JSON: read it with its own library"),
@@ -184,6 +185,17 @@ def test_columns_of_words_are_said(capsys, ending):
         assert "got phase, a column of words: write numbers in their place" in capsys.readouterr().err
     assert main(["convert", f"b.{ending}", "c.csv"]) == 0
     assert "phase" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["string", "large_string", "dictionary"])
+def test_columns_of_words_of_parquet_are_said(kind):
+    pyarrow = pytest.importorskip("pyarrow")
+    words = pyarrow.array(["oil"] * 64)
+    words = words.dictionary_encode() if kind == "dictionary" else words.cast(getattr(pyarrow, kind)())
+    table = pyarrow.table({axis: X[:, k] for k, axis in enumerate("xyz")} | {"phase": words})
+    pytest.importorskip("pyarrow.parquet").write_table(table, "a.parquet")
+    with pytest.raises(ValueError, match="got phase, a column of words: write numbers in their place"):
+        gb.read("a.parquet", where="phase == 'oil'")
 
 
 @pytest.mark.parametrize("columns", ["x=x,radius=id", "radius=id", "z=z,y=y"])
