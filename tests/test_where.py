@@ -201,6 +201,12 @@ def test_frames_are_named_where_one_is_taken_or_none_is_left(tmp_path, monkeypat
     assert capsys.readouterr().err.count("warning: frame 1 of a.xyz: no particle meets --where 'x > 1'") == 1
     assert main(["track", name, "-o", "t.csv", *words[:2]]) == 0
     assert "warning: frame 1 of a.xyz: no particle meets --where 'x > 1'" in capsys.readouterr().err
+    capsys.readouterr()
+    assert main(["render", name, "-o", "p%d.png", "--where", "x > 9"]) == 2
+    expected = (
+        "frame 0 of a.xyz to frame 2 of a.xyz: --where: expected a condition that some particle meets, got 'x > 9'"
+    )
+    assert expected in capsys.readouterr().err
     assert main(["render", name, "-o", "p.png", "--frame", "1", *words]) == 2
     assert "--where: expected a condition that some particle meets" in capsys.readouterr().err
 
