@@ -133,7 +133,12 @@ class Light:
             settings = dataclasses.replace(base, material=material, **own)
             if shows_flat(scene):
                 settings = for_flat_data(settings)
-            self._settings = for_values(settings) if options.color_by else settings
+            if options.color_by:
+                settings = for_values(settings)
+                if (settings.material.transmission or 0) >= 1:
+                    through = "light goes through the surface, which shows no colors"
+                    self.messages.append(f"--color-by: {through}; --transmission 0 or another --preset shows them")
+            self._settings = settings
         return self._settings
 
     def _ground(self, base: RenderSettings, scene: Scene | Mesh) -> Ground | None:
