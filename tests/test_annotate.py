@@ -502,3 +502,8 @@ def test_a_box_that_is_much_larger_than_the_image(orthographic):
             gb.render(scene, camera, (96, 72), annotate=gb.Annotation(box=True)).image  # noqa: B018
             assert tracemalloc.get_traced_memory()[1] < 50e6
             tracemalloc.stop()
+
+
+def test_the_help_of_a_switch_names_no_values(capsys):
+    assert main(["render", "--help"]) == 0
+    assert "lower-right" not in capsys.readouterr().out

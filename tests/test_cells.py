@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from cli_helpers import refuses, run_json
 from format_helpers import by_vtk, data_array, naming, vtk, vtk_write, vtu, words
-from globule.formats import read_contents
+from globule.cli import main
+from globule.formats import read_contents, triangles
 from globule.formats.frames import FrameOf
 from globule.formats.triangles import has_faces
 from globule.render.sequence import frames_of
@@ -344,3 +345,34 @@ def test_values_of_cells_in_xdmf_and_vtkhdf(tmp_path):
         group["CellData/alpha.water"] = [1.0]
     with pytest.warns(UserWarning, match="values of cells are left out: alpha.water"):
         gb.read(tmp_path / "a.vtkhdf")
+
+
+def test_colors_of_meshes_are_those_of_a_ply(tmp_path):
+    head = "# vtk DataFile Version 3.0\ntitle\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0 1 0 0 0 1 0\n"
+    (tmp_path / "a.vtk").write_text(
+        f"{head}POLYGONS 1 4\n3 0 1 2\nPOINT_DATA 3\nFIELD f 1\nRGB 3 3 unsigned_char\n255 0 188 0 64 0 9 9 9\n"
+    )
+    names = "".join(f"property float {axis}\n" for axis in "xyz")
+    names += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    (tmp_path / "a.ply").write_text(
+        f"ply\nformat ascii 1.0\nelement vertex 3\n{names}element face 1\nproperty list uchar int vertex_indices\n"
+        "end_header\n0 0 0 255 0 188\n1 0 0 0 64 0\n0 1 0 9 9 9\n3 0 1 2\n"
+    )
+    naming("vtkMultiBlockDataSet", tmp_path / "a.vtm", "a.vtk")
+    for name in ("a.ply", "a.vtk", "a.vtm"):
+        assert np.allclose(triangles.read(tmp_path / name).color[0], (1, 0, 0.503), atol=0.002), name
+
+
+def test_a_point_that_no_face_shows_has_no_color_to_miss(tmp_path, capsys):
+    """In the hole of a plate, whose cells have values."""
+    points = np.stack(np.mgrid[:5, :5], -1).reshape(-1, 2) @ np.eye(2, 3)
+    corners = [5 * i + j for i in range(4) for j in range(4) if (i, j) not in ((1, 1), (1, 2), (2, 1), (2, 2))]
+    rows = "".join(f"4 {k} {k + 5} {k + 6} {k + 1}\n" for k in corners)
+    (tmp_path / "a.vtk").write_text(
+        "# vtk DataFile Version 3.0\ntitle\nASCII\nDATASET POLYDATA\nPOINTS 25 float\n"
+        + "".join(f"{x:g} {y:g} {z:g}\n" for x, y, z in points)
+        + f"POLYGONS 12 60\n{rows}CELL_DATA 12\nSCALARS p float 1\nLOOKUP_TABLE default\n{'1 ' * 6}{'2 ' * 6}\n"
+    )
+    words = ["-o", str(tmp_path / "a.png"), "--size", "48x36", "--color-by", "p"]
+    assert main(["render", str(tmp_path / "a.vtk"), *words]) == 0
+    assert capsys.readouterr().err == ""

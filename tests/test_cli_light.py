@@ -176,6 +176,29 @@ def test_pick(capsys):
     assert "picked" not in json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.parametrize("words", [["--preset", "clay", "--samples", "1"], ["--ground", "plain"], ["--ground", "-1.5"]])
+def test_no_ground_hides_a_floor_below_the_particles(capsys, words):
+    with open("floor.obj", "w") as file:
+        file.write("v -3 -2 -3\nv 3 -2 -3\nv 3 -2 3\nv -3 -2 3\nf 1 4 3 2\n")
+    assert main(["render", "ball.npz", "-o", "a.png", *SMALL, "--eye", "0,1.5,9", "--look-at", "0,-1,0",
+                 "--mesh", "floor.obj", "--pick", "24,28", *words]) == 0  # fmt: skip
+    seen = capsys.readouterr().out.splitlines()[-1]
+    assert seen.endswith("nothing" if "-1.5" in words else "of floor.obj"), seen
+
+
+@pytest.mark.parametrize(("words", "hidden"), [
+    (["--preset", "water"], True), (["--preset", "glass"], True), (["--preset", "clay"], False), ([], False),
+    (["--preset", "water", "--transmission", "0"], False),
+])  # fmt: skip
+def test_colors_that_no_surface_shows_are_said(capsys, words, hidden):
+    images = [
+        picture("--color-by", "side", "--colormap", name, "--samples", "1", *words) for name in ("gray", "viridis")
+    ]
+    said = "--color-by: light goes through the surface, which shows no colors"
+    assert capsys.readouterr().err.count(said) == 2 * hidden
+    assert (np.abs(images[0] - images[1]).max() == 0) == hidden
+
+
 def test_a_sequence_keeps_what_was_found_first():
     moved = ball()
     moved.positions = moved.positions + np.float32([0, 0.4, 0])

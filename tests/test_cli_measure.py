@@ -299,6 +299,11 @@ def test_frames_have_the_numbers_and_times_of_their_file(folder, capsys):
     assert run_json(capsys, "track", "a.dump", "--frame", "1", "--fps", "10")["time"] == [0.1]
     found = run_json(capsys, "gauge", "a.dump", "--frame", "1", "--at", "1.1,1.1")
     assert (found["frame"], found["time"]) == ([1], [500])
+    capsys.readouterr()
+    assert main(["track", "a.dump"]) == 0
+    assert "one time" not in capsys.readouterr().err
+    assert main(["track", "a.dump", "a.dump"]) == 0  # as of two processors, or of a run that was continued
+    assert "warning: rows 0 and 3 have one time, 0: a frame in several files" in capsys.readouterr().err
     gb.write("a_0.ply", gb.Particles(g))
     assert "time" not in run_json(capsys, "track", "a_0.ply")
     assert main(["track", "a.dump", "--frame", "3"]) == 2

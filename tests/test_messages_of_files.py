@@ -110,6 +110,7 @@ def test_a_legend_in_a_corner_covers_no_other_words():
     ("name", "content", "advice"),
     [
         ("positions", b"FoamFile\n{\n  version 2.0;\n}\n", "OpenFOAM's own: foamToVTK writes .vtk"),
+        ("a.in", b"#==\n# by ASE\n\nlattice_vector 9 0 0\natom 1 2 3 H\natom 1 2 4 H\n", "FHI-aims' own: ASE writes"),
         ("a.msh", b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "Gmsh's own"),
         ("a.inp", b"** made by CAE\n*HEADING\n*Node\n1, 0., 0., 0.\n2, 1., 0., 0.\n", "Abaqus' own: meshio convert"),
         ("a.json", b'[{"x": 1, "y": 2, "z": 3},\n{"x": 1, "y": 2, "z": 3}]', "JSON: read it with its own library"),
@@ -170,5 +171,37 @@ def test_names_of_images_and_movies_are_said(folder, capsys, files):
     for name in files:
         (folder / name).write_text("x,y,z\n0,0,0\n1,0,0\n")
     assert main(["render", *files, "-o", "m.gif"]) == 2
-    expected = "-o: expected a name ending in .png (images) or .mp4 (a movie), got m.gif"
+    expected = "-o: expected a name ending in .png (images) or .mp4 (a movie), or a folder that exists, got m.gif"
+    assert expected in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ending", ["vtp", "npz"])
+def test_columns_of_words_are_said(capsys, ending):
+    text("a.csv", "x,y,z,phase,id\n" + "".join(f"{row},oil,7\n" for row in rows(",").splitlines()))
+    assert main(["convert", "a.csv", f"b.{ending}"]) == 0
+    assert "phase is dropped: a column of words\n" in capsys.readouterr().err
+    for words in (["--color-by", "phase"], ["--where", "phase == 'oil'"]):
+        assert main(["render", "a.csv", "-o", "a.png", *words]) == 2
+        assert "got phase, a column of words: write numbers in their place" in capsys.readouterr().err
+    assert main(["convert", f"b.{ending}", "c.csv"]) == 0
+    assert "phase" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["string", "large_string", "dictionary"])
+def test_columns_of_words_of_parquet_are_said(kind):
+    pyarrow = pytest.importorskip("pyarrow")
+    words = pyarrow.array(["oil"] * 64)
+    words = words.dictionary_encode() if kind == "dictionary" else words.cast(getattr(pyarrow, kind)())
+    table = pyarrow.table({axis: X[:, k] for k, axis in enumerate("xyz")} | {"phase": words})
+    pytest.importorskip("pyarrow.parquet").write_table(table, "a.parquet")
+    with pytest.raises(ValueError, match="got phase, a column of words: write numbers in their place"):
+        gb.read("a.parquet", where="phase == 'oil'")
+
+
+@pytest.mark.parametrize("columns", ["x=x,radius=id", "radius=id", "z=z,y=y"])
+def test_places_are_to_be_among_the_named_columns(capsys, columns):
+    text("a.csv", "x,y,z,id\n" + "".join(f"{row},7\n" for row in rows(",").splitlines()))
+    assert main(["info", "a.csv", "--columns", columns]) == 2
+    given = ", ".join(one.partition("=")[0] for one in columns.split(","))
+    expected = f"a column for x and for y among those named, got '{given}'; its columns are 'x, y, z, id'"
     assert expected in capsys.readouterr().err

@@ -141,6 +141,8 @@ def test_a_collection_of_windows(tmp_path):
     found = read_contents(tmp_path / "a.pvd", frame=1)
     assert (found.n_frames, found.time) == (2, 1.0)
     assert np.allclose(found.particles.positions, CENTERS + 1)
+    (tmp_path / "a.pvd").write_text(f'<VTKFile type="Collection"><Collection>{2 * sets}</Collection></VTKFile>')
+    assert len(gb.read(tmp_path / "a.pvd")) == 24  # also where a run that went on names a file again
     (tmp_path / "out.vtp").write_bytes((tmp_path / "sub dir" / "p0.vtp").read_bytes())
     (tmp_path / "sub dir" / "b.pvd").write_text(
         '<VTKFile type="Collection"><Collection><DataSet file="..\\out.vtp"/></Collection></VTKFile>'
@@ -340,7 +342,7 @@ def test_true_and_false_are_numbers(tmp_path, words, mark):
     assert [*gb.read(tmp_path / "a.csv").attributes] == ["n"]
 
 
-@pytest.mark.parametrize("name", ["Dp", "d_p", "EqDiameter", "Radius"])
+@pytest.mark.parametrize("name", ["Dp", "d_p", "EqDiameter", "Radius", "Particle Size"])
 def test_sizes_in_another_unit(tmp_path, name):
     table = np.column_stack([CENTERS, (1 if name == "Radius" else 2) * 1000 * RADII])
     (tmp_path / "a.csv").write_text(f"X [m],Y [m],Z [m],{name} [mm]\n" + lines(table).replace(" ", ","))

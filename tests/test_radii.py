@@ -2,6 +2,7 @@
 
 import json
 import time
+import warnings
 
 import globule as gb
 import numpy as np
@@ -216,6 +217,17 @@ def test_only_a_particle_without_a_radius_is_left_out(folder, capsys, bad, name,
         out = capsys.readouterr()
         assert out.err.count("has no radius") == 1
         assert json.loads(out.out)["volume"][-1] == pytest.approx(volume_of(radii[1:]), rel=1e-5)
+
+
+def test_radii_in_another_unit_are_said(folder):
+    places, radii = grains(60, 0.03, 0.03)
+    csv(folder / "grains.csv", places, 1000 * radii, "radius_mm")
+    with pytest.warns(UserWarning, match="radii of 30, but all particles lie within .*: in another unit?"):
+        gb.read("grains.csv")
+    csv(folder / "grains.csv", places, radii)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gb.read("grains.csv")
 
 
 @pytest.mark.parametrize("where", [[], ["--where", "radius > 1"]])

@@ -77,6 +77,15 @@ def test_commands_on_ranks(folder, capsys):
     assert main(["render", *shlex.split(f"{light} --ground -0.5 -o one.png")]) == 0
     one, many = (np.asarray(Image.open(n)).astype(int) for n in ("one.png", "pieces.png"))
     assert np.abs(one - many).max() <= 1
+    grains = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n64\nITEM: BOX BOUNDS ff ff ff\n0 9\n0 9\n0 9\n"
+    rows = "".join(f"{x:g} {y:g} {z:g} 0.1\n" for x, y, z in cube(4).positions)
+    Path("g.dump").write_text(f"{grains}ITEM: ATOMS x y z radius\n{rows}")
+    capsys.readouterr()
+    assert main(["render", "g.dump", "-o", "g.png", "--size", "40x30"]) == 0
+    notes = capsys.readouterr().err
+    assert notes.count("note: ") == 2  # the radii, and the direction up
+    run = ranks("g.dump -o g.png --size 40x30")
+    assert [line for line in run.stderr.splitlines() if "in 3 pieces" not in line] == notes.splitlines()
 
 
 COMMAND = ["-m", "globule", "render"]
@@ -86,6 +95,7 @@ COMMAND = ["-m", "globule", "render"]
 @pytest.mark.parametrize(("words", "said"), [
     (["--preset", "water", "--ranks", "pieces"], "--preset"),
     (["--memory", "1K"], "--memory: expected none on several ranks"),
+    (["--color-by", "q"], "color_by: expected one of x, y, z"),
 ])  # fmt: skip
 def test_a_mistake_is_one_line(words, said, tmp_path):
     gb.write(tmp_path / "a.npz", cube(4))

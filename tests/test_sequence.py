@@ -11,6 +11,7 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import COMMAND, SMALL, at_edge, cube, refused, run_json
+from format_helpers import naming
 from globule.cli import main
 from globule.pieces.shown import shown_scene
 from globule.render.image_sequence import is_whole
@@ -326,6 +327,17 @@ def test_the_frame_with_most_particles_decides_for_all(tmp_path):
     rows = ("".join(f"{x} {y} {z}\n" for x, y, z in places[:n]) for n in counts)
     (tmp_path / "a.xyz").write_text("".join(f"{n}\n\n{some}" for n, some in zip(counts, rows, strict=True)))
     assert leader(with_frames([str(tmp_path / "a.xyz")])) == 4
+    assert main(["convert", str(tmp_path / "a.xyz"), str(tmp_path / "a.pvd")]) == 0
+    assert leader(with_frames([str(tmp_path / "a.pvd")])) == 4
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5part", "w") as file:  # whose frames have no size of their own
+        for k, n in enumerate((40, 1000, 30, 40, 40, 30, 20, 20)):
+            for i, axis in enumerate("xyz"):
+                file[f"Step#{k}/{axis}"] = places[:n, i]
+    assert leader(with_frames([str(tmp_path / "a.h5part")])) == 1
+    for k in range(len(counts)):  # as large as each other, whatever they name
+        naming("vtkMultiBlockDataSet", tmp_path / f"b{k}.vtm", f"a_000{k}.vtp")
+    assert leader([str(tmp_path / f"b{k}.vtm") for k in range(len(counts))]) == 4
     assert leader([np.zeros((10, 3)), np.zeros((11, 3)), np.zeros((0, 3))]) == 0
     assert leader([np.zeros((0, 3)), np.zeros((3, 3)), np.zeros((3, 3))]) == 1
     assert leader([]) == leader(["none.npz", "nor.npz"]) == 0

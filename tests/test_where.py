@@ -1,6 +1,7 @@
 """Particles chosen by a condition."""
 
 import json
+import re
 
 import globule as gb
 import numpy as np
@@ -73,7 +74,7 @@ def test_components_and_large_ids(particles):
     ("typ == 1", "expected one of x, y, z, .*type.*, got typ"),
     ("velocity[3] > 0", "velocity:0 to velocity:2"), ("velocity[x] > 0", "number of a component"),
     ("x is 1", "comparison of numbers"), ("type in 1", r"expected 'in \(1, 2\)'"),
-    ("type in ()", r"expected 'in \(1, 2\)'"), ("type == 'water'", "expected names, numbers"),
+    ("type in ()", r"expected 'in \(1, 2\)'"), ("type == 'water'", "expected numbers, and names without quotes"),
     ("__import__('os').system('false') == 0", "expected names, numbers"),
     ("x.__class__ == 1", "expected names, numbers"), ("[x for x in y] == 1", "expected names, numbers"),
     ("(lambda: 1)() == 1", "expected names, numbers"), ("abs(x, y) > 1", "expected names, numbers"),
@@ -133,6 +134,28 @@ def test_what_a_command_says(file, words, said, tmp_path, capsys):
     assert not (tmp_path / "a.png").exists()
 
 
+@pytest.mark.parametrize(("words", "said"), [
+    (["--where", "x > 2"], "p.npz: --where: expected a condition that some particle meets, got 'x > 2'"),
+    (["--min-component", "999"], "--min-component: expected a component of so many particles, got 999"),
+])  # fmt: skip
+@pytest.mark.parametrize("command", [["mesh"], ["slice", "--plane", "0,0,1,0"], ["gauge", "--map"]])
+def test_what_measuring_commands_say_of_nothing(file, command, words, said, tmp_path, capsys):
+    output = tmp_path / ("m.ply" if command == ["mesh"] else "m.npz")
+    assert main([command[0], str(file), "-o", str(output), *command[1:], *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["Fluid Type", "a-b", "in", "2nd", "U.x", "rate [1/s]"])
+def test_names_that_stand_in_backticks(name):
+    particles = gb.Particles(np.eye(3), attributes={name: np.arange(3)})
+    for word in (name, f"'{name}'"):
+        with pytest.raises(ValueError, match=f"; `{re.escape(name)}` stands in backticks$"):
+            where(particles, f"{word} > 1")
+    assert len(where(particles, f"`{name}` > 1")) == 1
+    with pytest.raises(ValueError, match=r"expected numbers, and names without quotes, got .'oil'.$"):
+        where(particles, "x == 'oil'")
+
+
 def test_places_are_the_files_whatever_the_origin(tmp_path):
     x = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 2]]) + [691234.0, 4812345.0, 512.0]
     for k in range(2):
@@ -178,6 +201,12 @@ def test_frames_are_named_where_one_is_taken_or_none_is_left(tmp_path, monkeypat
     assert capsys.readouterr().err.count("warning: frame 1 of a.xyz: no particle meets --where 'x > 1'") == 1
     assert main(["track", name, "-o", "t.csv", *words[:2]]) == 0
     assert "warning: frame 1 of a.xyz: no particle meets --where 'x > 1'" in capsys.readouterr().err
+    capsys.readouterr()
+    assert main(["render", name, "-o", "p%d.png", "--where", "x > 9"]) == 2
+    expected = (
+        "frame 0 of a.xyz to frame 2 of a.xyz: --where: expected a condition that some particle meets, got 'x > 9'"
+    )
+    assert expected in capsys.readouterr().err
     assert main(["render", name, "-o", "p.png", "--frame", "1", *words]) == 2
     assert "--where: expected a condition that some particle meets" in capsys.readouterr().err
 

@@ -143,8 +143,10 @@ def losses(particles: Particles, output: str) -> list[str]:
     if particles.up != UP and extension not in _WITH_UP:
         up = ",".join(f"{v:g}" for v in particles.up)
         lost.append(f"up, {up}, is dropped: {extension} cannot store it; --up {up} draws the new file as the old one")
+    lost += [f"{name} is dropped: a column of words" for name, kinds in particles.names.items() if not kinds]
     if extension != ".npz":
-        lost += [f"the names of {name} are dropped: only .npz stores them" for name in particles.names]
+        named = [name for name, kinds in particles.names.items() if kinds]
+        lost += [f"the names of {name} are dropped: only .npz stores them" for name in named]
     if extension in _KEPT:
         given = [n for n in (*SCALAR_FIELDS, "color") if getattr(particles, n) is not None]
         for name in [*given, *particles.attributes]:

@@ -55,7 +55,7 @@ def of(table: type, name: str, **changes: Any) -> dict[str, Any]:
     help, names = one.brief, kind.choices or ()
     if isinstance(kind, Color):
         help += f": {kind.word}"
-    elif not all(word in help for word in names):
+    elif "action" not in changes and not all(word in help for word in names):
         help += f": {', '.join(names)}"
     if "action" in changes or isinstance(kind, Switch):
         return {"action": "store_true", "help": help, **changes}

@@ -33,6 +33,7 @@ from . import flags, look, meshes
 from .arguments import ball, beside, box, ground
 from .shared import UserError, check_input, mistakes, read_particles
 
+JUST_BELOW = 1e-3  # of the extent of a floor, whose own face the ground must not be
 MATTER = ("reflection", "transmission", "index", "roughness", "absorption")
 IMAGES = (".hdr", ".exr", ".png", ".jpg", ".jpeg")
 
@@ -121,8 +122,7 @@ class Light:
             options, own = self.options, dict(self._own)
             looks = options.preset in PRESETS
             base = load_preset(options.preset, scene, options.up) if looks else RenderSettings()
-            if options.ground is not None:
-                own["ground"] = self._ground(base, scene)
+            own["ground"] = self._ground(base, scene)
             if options.background is not None:
                 own.setdefault("sky", None)  # a sky would hide the background
             sky = own.get("sky")
@@ -133,19 +133,26 @@ class Light:
             settings = dataclasses.replace(base, material=material, **own)
             if shows_flat(scene):
                 settings = for_flat_data(settings)
-            self._settings = for_values(settings) if options.color_by else settings
+            if options.color_by:
+                settings = for_values(settings)
+                if (settings.material.transmission or 0) >= 1:
+                    through = "light goes through the surface, which shows no colors"
+                    self.messages.append(f"--color-by: {through}; --transmission 0 or another --preset shows them")
+            self._settings = settings
         return self._settings
 
     def _ground(self, base: RenderSettings, scene: Scene | Mesh) -> Ground | None:
-        asked = self.options.ground
-        if asked == "none":
+        asked, up = self.options.ground, self.options.up
+        if asked == "none" or (asked is None and base.ground is None):
             return None
-        ground = base.ground or Ground(0.0, self.options.up)
+        ground = base.ground or Ground(0.0, up)
         if asked in GROUNDS:
             ground = dataclasses.replace(ground, check=GROUNDS[asked] * extent_of(scene))
-        given = asked not in GROUNDS and np.isfinite(asked)
-        height = asked if given else ground_height(scene, self.options.up)
-        return dataclasses.replace(ground, height=height)
+        if asked not in (None, *GROUNDS) and np.isfinite(asked):
+            return dataclasses.replace(ground, height=asked)
+        beside = (one.scene for one in self.layers(scene)[1:])  # a floor or a hopper stands on the ground, too
+        heights = (ground_height(one, up) - JUST_BELOW * extent_of(one) for one in beside if extent_of(one))
+        return dataclasses.replace(ground, height=min([ground_height(scene, up), *heights]))
 
     def layers(self, scene: Scene | Mesh) -> list[Layer]:
         """The scene with its cuts, and the scenes of --with and --mesh."""

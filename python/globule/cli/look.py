@@ -115,7 +115,7 @@ def color_mesh(options: argparse.Namespace, path: str, mesh: Mesh, messages: lis
     map's ends; adds to the messages."""
     with _names_of(path):
         ends = mesh.color_by(options.color_by, options.colormap, options.range)
-    values = attribute_values(mesh.points, options.color_by)
+    values = attribute_values(mesh.points, options.color_by)[np.unique(mesh.faces)]  # no face shows the others
     if n_unknown := int((~np.isfinite(values)).sum()):
         messages.append(_unknown(options, n_unknown, count(len(values), "point")))
     return ends

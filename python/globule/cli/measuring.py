@@ -112,19 +112,20 @@ def scenes(
         settle_origin(options, files[at])
 
     def lead() -> Particles:
-        particles = _read(files[at], options, [])[0]
+        particles = _read(files[at], options, [], True)[0]
         progress.clear()
         say(led_by(files, at))
         return particles
 
     kept = KeptScene(lead if at else None)
     clock = [] if clock is None else clock
-    ahead = read_ahead(_read(path, options, clock) for path in files)
+    several = not one or len(files) > 1  # a frame of several may be empty
+    ahead = read_ahead(_read(path, options, clock, several) for path in files)
     progress.n_steps = len(files)
     for i, path in enumerate(files):
         progress.step(path)
         particles, messages = next(ahead)
-        if not (len(particles) or (one and len(files) == 1)):  # for one, need_particles says it
+        if several and not len(particles):
             messages = [*messages, none_of(path, options)]
         for message in messages:
             progress.clear()
@@ -171,12 +172,14 @@ def led_by(files: Sequence[str], at: int) -> str:
     return f"note: surface and support are those of {which}"
 
 
-def _read(path: str, options: argparse.Namespace, clock: list[float | None]) -> tuple[Particles, list[str]]:
+def _read(
+    path: str, options: argparse.Namespace, clock: list[float | None], may_be_empty: bool
+) -> tuple[Particles, list[str]]:
     time = None
     if is_surface(path, options):
         particles, messages = read_surface(path, options)
     else:
-        contents = read_file(path, True, **reading(options))
+        contents = read_file(path, may_be_empty, **reading(options))
         particles, messages = contents.particles, lies_across(path, contents, options)
         options.origin, time = particles.origin, contents.time
         if contents.n_frames > 1 and not isinstance(path, FrameOf) and options.frame is None:
@@ -232,6 +235,11 @@ def numbered(
         numbers = np.arange(len(names))
     before = {"frame": numbers} | ({"time": numbers / options.fps} if options.fps else {})
     known = None not in clock and len(clock) == len(names)
+    if known and len({*clock}) < len(clock):
+        i = next(i for i, time in enumerate(clock) if time in clock[:i])
+        which = f"rows {clock.index(clock[i])} and {i} have one time, {clock[i]:g}"
+        warn(f"{which}: a frame in several files is several rows here (a .pvd joins those of one time), and so is "
+             "one that a continued run wrote again")  # fmt: skip
     behind = {"time": np.array(clock, np.float64)} if known and not options.fps else {}
     return before | {"file": np.array(names)} | columns | behind
 

@@ -30,7 +30,7 @@ from ..render.layers import Layer
 from ..render.pieces.image import fit
 from ..render.render import render
 from ..scene.fitting import lacking
-from . import annotation, camera_facts, light
+from . import annotation, camera_facts, light, surfaces
 from .meshes import is_mesh
 from .shared import (
     UserError,
@@ -177,6 +177,11 @@ def run(
         n, where = pieces.partition.n, "on as many ranks" if comm else "one after the other"
         if root and not options.json:
             say(f"{count(len(pieces))} in {n} pieces, {where}")
+        spheres = pieces.surface == "spheres"
+        if root and spheres and pieces.support is None and options.surface == "auto":
+            say(surfaces.OF_RADII)
+        if options.said_up and not (spheres and pieces.normal is not None):
+            say(options.said_up)
         with mistakes():
             camera = _camera(options, pieces, notes, towards)
             settings = lit.settings(pieces)  # type: ignore[arg-type]  # no preset asks it

@@ -260,7 +260,8 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str, frame: 
     name = "{}" if len({str(path) for path in inputs}) == len(inputs) else "{}_%04d"
     full = os.path.join(pattern, name + extension) if folder else pattern
     if option == "-o" and not full.lower().endswith(extension):
-        raise UserError(f"-o: expected a name ending in {extension} (images) or .mp4 (a movie), got {pattern}")
+        expected = f"a name ending in {extension} (images) or .mp4 (a movie), or a folder that exists"
+        raise UserError(f"-o: expected {expected}, got {pattern}")
     number = re.search(r"%(0?\d?)d", os.path.basename(full))
     if len(inputs) > 1 and not number and "{}" not in os.path.basename(full):
         message = f"a folder or a name with {{}} or %d for {len(inputs)} files"

@@ -16,7 +16,7 @@ from .._base.arrays import box_corners
 from .._base.ranks import dealt
 from .._base.settings import Whole
 from ..data.particles import Particles
-from ..formats.frames import FrameOf
+from ..formats.frames import FrameOf, said
 from ..formats.pictures.video import need_av
 from ..pieces.scene import Scene
 from ..render.camera import Camera
@@ -35,6 +35,7 @@ from .shared import (
     first_of,
     lies_across,
     mistakes,
+    need_chosen,
     need_particles,
     print_json,
     read_file,
@@ -148,7 +149,9 @@ class Series:
             values = [min(v[2][0] for v in everyone), max(v[2][1] for v in everyone)]
             broken = any(v[3] for v in everyone)
         if fit and not (lows or broken):
-            need_particles(f"{options.particles[0]} to {options.particles[-1]}", 0)
+            name = f"{said(options.particles[0])} to {said(options.particles[-1])}"
+            need_chosen(name, reading(options))
+            need_particles(name, 0)
         if fit and lows:
             self.box = box_corners(np.min(lows, axis=0), np.max(highs, axis=0))
         if span and values[0] <= values[1]:

@@ -11,7 +11,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -290,16 +290,21 @@ def read_file(path: str, may_be_empty: bool = False, **given: Any) -> Contents:
     if not len(contents.particles) and not may_be_empty:
         if "level" in given:
             raise UserError(f"{path}: --level: expected an iso-value that voxels reach, got {given['level']:g}")
-        if given.get("min_component", 1) > 1:
-            expected = "expected a component of so many particles"
-            raise UserError(f"{said(path)}: --min-component: {expected}, got {given['min_component']}")
-        if "where" in given:
-            expected = "expected a condition that some particle meets"
-            raise UserError(f"{said(path)}: --where: {expected}, got {given['where']!r}")
+        need_chosen(said(path), given)
         if "labels" in given:
             labels = ", ".join(map(str, given["labels"]))
             raise UserError(f"{path}: --label: expected a value that voxels have, got {labels}")
     return contents
+
+
+def need_chosen(name: str, given: Mapping[str, Any]) -> None:
+    """Refuse options that leave no particle of a file, or of several, of this name."""
+    if given.get("min_component", 1) > 1:
+        expected = "expected a component of so many particles"
+        raise UserError(f"{name}: --min-component: {expected}, got {given['min_component']}")
+    if "where" in given:
+        expected = "expected a condition that some particle meets"
+        raise UserError(f"{name}: --where: {expected}, got {given['where']!r}")
 
 
 def none_of(path: str, options: argparse.Namespace) -> str:

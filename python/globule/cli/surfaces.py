@@ -13,6 +13,11 @@ from ..pieces.shown import shown_scene
 from . import flags
 from .shared import say
 
+OF_RADII = (
+    "note: the particles are spheres of the file's radii (atoms, or no overlap as a fluid's); "
+    "--surface smooth or balls draws another surface"
+)
+
 
 def add_arguments(parser: Any) -> None:
     """The flags that say which surface the particles have."""
@@ -36,9 +41,6 @@ def scene_of(options: argparse.Namespace, particles: Particles, as_balls: bool, 
     if surface == "auto":
         scene = shown_scene(particles, **asked)
         if scene.surface == "spheres" and np.ndim(scene.support):
-            say(
-                "note: the particles are spheres of the file's radii (atoms, or no overlap as a "
-                "fluid's); --surface smooth or balls draws another surface"
-            )
+            say(OF_RADII)
         return scene
     return Scene(particles, surface=surface, spacing=spacing, **asked)

@@ -70,7 +70,8 @@ def attribute_values(particles: Particles, name: str) -> np.ndarray:
         if int(index) >= k:
             raise ValueError(f"expected {stem}:0 to {stem}:{k - 1}, got {name}")
         return np.asarray(to_host(arrays[stem]), np.float64)[:, int(index)]
-    raise ValueError(f"expected one of {', '.join(arrays)}, got {name}")
+    words = ", a column of words: write numbers in their place" if particles.names.get(name) == {} else ""
+    raise ValueError(f"expected one of {', '.join(arrays)}, got {name}{words}")
 
 
 def place_label(name: str, origin: Iterable[float]) -> str:

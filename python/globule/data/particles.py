@@ -67,7 +67,7 @@ class Particles:
         origin: (x, y, z) float64, world: the place from which the positions are given, for
             coordinates that float32 could not tell apart; `relative` finds one.
         names: name of an attribute of whole numbers -> value -> name, such as that of a type;
-            legends show them.
+            legends show them. A column of words in the file, which is left out, has none.
         up: (x, y, z) of unit length, world: upwards in images; y, unless the format of the file
             that was read has z there.
 

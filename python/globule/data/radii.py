@@ -15,7 +15,7 @@ _NAMES = {"radius": 1.0, "pscale": 1.0, "diameter": 0.5}  # in lower case, by ra
 _SAME = {"radii": "radius", "diameters": "diameter", "diam": "diameter", "dia": "diameter", "rad": "radius"}
 _OF = re.compile(r"^(?:particle|parcel|ball|sphere|grain|bead|equivalent|equiv|eq|physical)+")
 # Words that may mean something else, by letters and digits: radii where the values may be some.
-_SHORT = {"r": "radius", "rp": "radius", "rad": "radius", "dp": "diameter"}
+_SHORT = {"r": "radius", "rp": "radius", "rad": "radius", "dp": "diameter", "particlesize": "diameter"}
 _UNIT = re.compile(r"[ _.](?:nm|um|mm|cm|m)$")  # behind a name: radius_m
 _NOT_RADIUS = {"g", "b", "green", "theta", "phi"}  # beside r: colors, or other coordinates
 
@@ -43,8 +43,8 @@ def length_names(arrays: Mapping[str, Any], positions: Any) -> dict[str, str]:
     """Names of arrays (N,) of particles at positions (N, 3) by `length_name`; of several with one,
     the first, or one that has it itself.
 
-    `r`, `rad`, `d_p` and `Dp` are sizes where no array has a longer name for them, and the values
-    may be some. OpenFOAM's clouds, which origProcId tells, call their diameters d.
+    `r`, `rad`, `d_p`, `Dp` and `Particle Size` are sizes where no array has a longer name for them, and
+    the values may be some. OpenFOAM's clouds, which origProcId tells, call their diameters d.
     """
     names = list(arrays)[::-1]
     known = {length_name(name): name for name in names} | {name.lower(): name for name in names}

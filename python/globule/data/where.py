@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import keyword
 import re
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import shown
-from .attributes import attribute_values
+from .attributes import attribute_names, attribute_values
 from .particles import Particles
 
 MOST = 2000  # characters
@@ -46,7 +47,10 @@ def where(particles: Particles, condition: str) -> Particles:
         with np.errstate(all="ignore"):
             mask = _Condition(particles, condition).mask()
     except ValueError as error:
-        raise ValueError(f"where: {error}") from None
+        plain = re.sub("`[^`]*`", "", condition)
+        odd = (n for n in attribute_names(particles) if n in plain and (not n.isidentifier() or keyword.iskeyword(n)))
+        advice = next((f"; `{name}` stands in backticks" for name in odd), "")
+        raise ValueError(f"where: {error}{advice}") from None
     return particles[mask]
 
 
@@ -101,6 +105,8 @@ class _Condition:
             return self._compared(node, of)
         if isinstance(node, ast.Call) and (function := self._function(node)):
             return function(of(node.args[0]))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            raise ValueError(f"expected numbers, and names without quotes, got {self._words(node)}")
         known = "names, numbers, comparisons, and, or, not, + - * / % **, " + ", ".join(FUNCTIONS)
         raise ValueError(f"expected {known}; got {self._words(node)}")
 

@@ -69,6 +69,7 @@ def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None)
         got = names_of(about["columns"]) if about["columns"] else "no column of numbers"
         raise bad(path, "", f"expected columns x, y and z, got {got}; {columns_advice(about['columns'])}")
     particles = particles_from(path, positions, arrays)
+    particles.names = {name: {} for name in about["words"]} if columns is None else {}
     if name := frames_by_column(particles):
         advice = f'--where "{name} == …", where=, chooses one; a .csv of it is a sequence'
         warnings.warn(f"{path}: the rows are those of several frames, by {shown(name)}, all read: {advice}",

@@ -476,7 +476,9 @@ def arrow(path: str, ask: Any) -> tuple[dict, list]:
                 units[field.name] = unit.decode("utf-8", "replace")[:200]
     if len(set(schema.names)) < len(schema.names):
         raise ValueError("columns of different names, got one twice")
-    names = ask(0, columns=widths, units=units)
+    words = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
+             or pa.types.is_dictionary(field.type)]  # fmt: skip
+    names = ask(0, columns=widths, units=units, words=words)
     table = source.read(columns=names, use_threads=False) if parquet else source.read_all().select(names)
     arrays, kept, ragged = [], [], []
     for name in names:

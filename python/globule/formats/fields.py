@@ -33,9 +33,10 @@ import numpy as np
 from .._base.arrays import to_host
 from .._base.terminal import place_text
 from ..data.particles import FIELDS, HERE, SCALAR_FIELDS, Particles, lost_precision, relative
-from ..data.radii import length_names, n_without_radius, sizes_of
+from ..data.radii import find_radii, length_names, n_without_radius, sizes_of
 from .errors import bad, faults
 
+_SEVERAL, _TOO_LARGE = 8, 10  # so many particles do not lie within a tenth of a radius
 POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "coords", "xyz", "x")
 # Before or behind an axis in a column's name; behind one; and before a number.
 _POSITION_WORDS = (
@@ -169,7 +170,13 @@ def say_origin(path: Any, origin: tuple[float, float, float]) -> None:
 
 
 def say_radii(path: Any, particles: Particles) -> None:
-    """Warn of particles without a radius, where others have radii."""
+    """Warn of particles without a radius, where others have radii, and of radii in another unit."""
+    radii, places = find_radii(particles), particles.finite_positions()
+    if radii is not None and len(places) >= _SEVERAL:
+        typical, extent = float(np.median(radii)), float(np.ptp(places, axis=0).max())
+        if extent and typical > _TOO_LARGE * extent:
+            what = f"radii of {typical:.4g}, but all particles lie within {extent:.4g}: in another unit?"
+            warnings.warn(f"{os.fspath(path)}: {what}", stacklevel=5)
     if n := n_without_radius(particles):
         have = "have" if n > 1 else "has"
         without = f"{n:,} of {len(particles):,} particles {have} no radius, or a negative one"

@@ -105,6 +105,7 @@ _UNKNOWN = (
 )
 _OTHERS = (  # formats that are not read, and what makes one that is
     (rb"[\s\S]{0,2000}\bFoamFile\b", "OpenFOAM's own: foamToVTK writes .vtk"),
+    (rb"(?:[ \t]*(?:#[^\n]*)?\n)*[ \t]*lattice_vector\b", "FHI-aims' own: ASE writes .extxyz"),
     (rb"\$MeshFormat", "Gmsh's own: gmsh -save -format vtk writes .vtk"),
     (rb"\s*(?:\*\*[^\n]*\n\s*)*\*(?i:heading|include|node|part|preprint)\b", "Abaqus' own: meshio convert writes .vtu"),
     (

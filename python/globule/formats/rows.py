@@ -104,7 +104,10 @@ def particles_of_rows(
     if points is None:
         raise no_positions
     more = {name: array for name, array in (extra or {}).items() if len(array) == len(points)}
-    return particles_from(path, points, more | arrays)
+    particles = particles_from(path, points, more | arrays)
+    left_out = [name for i, name in enumerate(names) if name and i not in numeric and name not in columns]
+    particles.names = {name: {} for name in left_out}
+    return particles
 
 
 def _names_with_id(path: Any, columns: Mapping[str, np.ndarray]) -> list[str]:

@@ -319,6 +319,9 @@ def _with_points(row: str, separator: str | None) -> str:
 
 def _renamed(path: Any, names: list[str], named: Mapping[str, str]) -> list[str]:
     """Names by those that a caller gives; the others are left out, as empty names."""
+    if not {"x", "y"} <= named.keys():
+        problem = f"expected a column for x and for y among those named, got {names_of(named)}"
+        raise bad(path, "", f"{problem}; its columns are {names_of(names)}")
     for column in named.values():
         if column not in names:
             raise bad(path, "line 1", f"expected the column {shown(column)}, got {names_of(names)}")

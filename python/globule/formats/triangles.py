@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.colormaps import to_linear
 from ..data.particles import Particles
 from ..data.triangles import Triangles
 from . import mesh, ply, vtk_legacy, vtk_parts, vtk_xml, vtk_xml_grids, vtkhdf, xdmf
@@ -54,7 +55,10 @@ def read(path: str | os.PathLike[str], origin: Any = "auto") -> Triangles:
 def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarray]:
     if kind.format not in vtk_parts.FORMATS:
         reader = ply if kind.format == "ply" else _OF_CELLS.get(kind.format, mesh)
-        return reader.read_triangles(path)
+        particles, found = reader.read_triangles(path)
+        if kind.format in _OF_CELLS and particles.color is not None:
+            particles.color = to_linear(particles.color)  # as of other meshes
+        return particles, found
     parts, faces, first = [], [np.empty((0, 3), np.int64)], 0
     for place in vtk_parts.places(path, kind.format):
         if not part_has_faces(place):

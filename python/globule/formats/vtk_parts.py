@@ -55,19 +55,29 @@ def parts_of(path: Any, form: str, frame: int) -> Parts:
         root = _root(path, *_BLOCKS)
         files = [e.get("file") for e in root.iter("DataSet")]  # an empty block has none
         return Parts([name for name in files if name is not None])
-    steps = _of_series(path) if form == "series" else _of_pvd(path)
+    steps = _STEPS[form](path)
     if not steps:
         raise bad(path, "", "expected the name of a file, got none")
     time, names = steps[frame_index(path, frame, len(steps))]
     return Parts(names, time, len(steps))
 
 
+def sizes_of(path: str, below_rank: int = 9) -> list[int]:
+    """Bytes of the files that a collection names for each frame, and of those that these name; of any
+    other file its own. The ending tells collections. Raises FormatError, OSError."""
+    form = os.path.splitext(path)[1][1:].lower()
+    rank = _RANKS.get(form, below_rank)
+    if rank >= below_rank:
+        return [os.path.getsize(path)]
+    frames = [names for _, names in _STEPS[form](path)] if form in _STEPS else [parts_of(path, form, 0).names]
+    return [sum(sum(sizes_of(below(path, name), rank)) for name in names) for names in frames]
+
+
 def _of_pvd(path: Any) -> list[tuple[float | None, list[str]]]:
-    sets = list(_root(path, "Collection").iter("DataSet"))
-    steps: dict[Any, list[str]] = {}
-    for element in sets:
-        steps.setdefault(_time(element.get("timestep", "")), []).append(element.get("file", ""))
-    return [(t, steps[t]) for t in sorted(steps, key=lambda t: -math.inf if t is None else t)]
+    steps: dict[Any, dict[str, None]] = {}  # a file once, also where a run that went on names it again
+    for element in _root(path, "Collection").iter("DataSet"):
+        steps.setdefault(_time(element.get("timestep", "")), {})[element.get("file", "")] = None
+    return [(t, list(steps[t])) for t in sorted(steps, key=lambda t: -math.inf if t is None else t)]
 
 
 def _of_series(path: Any) -> list[tuple[float | None, list[str]]]:
@@ -77,6 +87,9 @@ def _of_series(path: Any) -> list[tuple[float | None, list[str]]]:
         return [(_time(f.get("time", "")), [str(f["name"])]) for f in files]
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise bad(path, "", 'expected {"files": [{"name": …, "time": …}]}, got other JSON') from None
+
+
+_STEPS = {"pvd": _of_pvd, "series": _of_series}
 
 
 def _root(path: Any, *kinds: str) -> Any:

@@ -54,10 +54,15 @@ def survey(source: Source, support: float | None, color: tuple[Any, Any, Any]) -
             if axes is not None:
                 reach[k] = max(reach[k], float(np.median(axes)))
                 reach[k + 1] = max(reach[k + 1], float(np.max(axes)))
-        if name is not None and len(kinds) <= MOST_KINDS:
-            kinds |= found_kinds(some, name, colormap)
-        if name is not None and ends is None:
+        if name is None:
+            continue
+        try:
             found_values = attribute_values(some, name)
+        except ValueError as error:
+            raise ValueError(f"color_by: {error}") from None
+        if len(kinds) <= MOST_KINDS:
+            kinds |= found_kinds(some, name, colormap)
+        if ends is None:
             known = found_values[np.isfinite(found_values)]
             if known.size:
                 values = np.array([min(values[0], known.min()), max(values[1], known.max())])

@@ -172,7 +172,7 @@ def tick_labels(lo: float, hi: float, most: int) -> list[tuple[float, str]]:
     About `most` of them, at least the two ends; one where lo equals hi.
     """
     if lo == hi:
-        return [(0.5, f"{lo:.6g}")]
+        return [(0.5, f"{lo + 0.0:.6g}")]
     span = hi / most - lo / most  # divided first, so that the difference cannot overflow
     step = 10.0 ** math.floor(math.log10(abs(span)))
     step *= next((factor for factor in (1, 2, 5) if factor * step >= abs(span)), 10)
@@ -185,4 +185,4 @@ def tick_labels(lo: float, hi: float, most: int) -> list[tuple[float, str]]:
         share = (i * step / 2 - lo / 2) / (hi / 2 - lo / 2)
         if 0.6 / most < share < 1 - 0.6 / most:  # room for the ends' own text
             ticks.append((share, i * step))
-    return [(share, f"{value:.{digits}g}") for share, value in sorted(ticks)]
+    return [(share, f"{value + 0.0:.{digits}g}") for share, value in sorted(ticks)]  # 0.0: no "-0"

@@ -22,7 +22,7 @@ from ..formats.frames import FrameOf, bytes_of_frame, said
 from ..formats.kind import kind_or_none
 from ..formats.registry import format_named
 from ..formats.table import may_have_frames
-from ..formats.vtk_parts import parts_of
+from ..formats.vtk_parts import parts_of, sizes_of
 
 MORE = 1.1  # times the first frame: a larger one leads
 MOST_NAMED = 100_000  # numbers between two files: more are no frames that are missing
@@ -249,14 +249,16 @@ def find_value_range(
 
 def leader(frames: Sequence[Any], **options: Any) -> int:
     """The number of the frame that leads, of files' names or `Particles`: the largest one, unless
-    the first is about as large; of the frames of one file that is no text, the larger one of the
-    first, middle and last. options: as for `read`."""
+    the first is about as large; of the frames of one file that is no text and no collection, the
+    largest of nine. options: as for `read`."""
     n = len(frames)
     if n > 1 and any(isinstance(one, FrameOf) for one in frames):
-        longest = [bytes_of_frame(one) if isinstance(one, FrameOf) else _size(one) for one in frames]
-        tried = (0, n // 2, longest.index(max(longest)), n - 1)
+        held = {path: _sizes_of(path) for path in {*map(str, frames)}}
+        longest = [_size_of_frame(one, held[str(one)]) for one in frames]
+        some = () if all(longest) else (k * (n - 1) // 8 for k in range(8))
+        tried = {0, *some, n // 2, longest.index(max(longest)), n - 1}
         counts = {0: 0}
-        for k in (*tried, n - 2):  # whoever reads a broken one in its turn says why
+        for k in (*sorted(tried), n - 2):  # whoever reads a broken one in its turn says why
             if k == n - 2 and n - 1 in counts:
                 break
             with _quietly(), contextlib.suppress(ValueError, OSError, ImportError):
@@ -269,10 +271,24 @@ def leader(frames: Sequence[Any], **options: Any) -> int:
 
 
 def _size(frame: Any) -> int:
-    """Bytes of a file, or the number of particles; 0 where it is not known."""
+    """Bytes of a file and of those that it names, or the number of particles; 0 where it is not known."""
     if isinstance(frame, (str, os.PathLike)):
-        return os.path.getsize(frame) if os.path.isfile(frame) else 0
+        return sum(_sizes_of(frame))
     return len(frame) if isinstance(frame, Sized) else 0
+
+
+def _sizes_of(path: str | os.PathLike[str]) -> list[int]:
+    """Bytes of a file, or of the files of each frame of a collection; none where they are not known."""
+    with contextlib.suppress(ValueError, OSError):
+        return sizes_of(os.fspath(path))
+    return []
+
+
+def _size_of_frame(one: str, held: list[int]) -> int:
+    """Bytes of a file whose frames have so many, or of one of these frames; 0 where it is not known."""
+    if not isinstance(one, FrameOf):
+        return sum(held)
+    return bytes_of_frame(one) or (held[one.frame] if 0 <= one.frame < len(held) > 1 else 0)
 
 
 class OneOrigin:
