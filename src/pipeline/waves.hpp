@@ -142,7 +142,7 @@ private:
         exec_->exclusive_scan(blocks + 1, tile);
         exec_->download(&n_tiles, tile + blocks, sizeof n_tiles);
         const std::size_t n = std::size_t(n_tiles) * size;
-        float* room = side_->floats.reserve(6 * n + 1);
+        float* room = side_->floats.reserve(6 * n + 1);  // never null, which would be the camera's rays
         std::uint32_t* numbers = packed_.reserve(n + pixels.n);
         std::uint8_t* is_there = is_there_.reserve(n + 1);
         exec_->clear(is_there, n);

@@ -78,7 +78,7 @@ public:
           quiet_(exec),
           within_(exec),
           felt_(exec),
-          felt_sum_(exec),
+          one_sum_(exec),
           felt_sums_(exec),
           plane_(exec),
           plane_speed_(exec),
@@ -296,7 +296,7 @@ public:
     }
     /// What the last step owes to solids: no velocity shows it.
     sim::Impulse owed() {
-        sim::Impulse sum{}, *out = felt_sum_.reserve(1);
+        sim::Impulse sum{}, *out = one_sum_.reserve(1);
         if (n_ == 0 || !is_solid_) return sum;
         exec_.reduce_in_order(
             n_, tissue::OwedMomentum{at_.data(), velocity_.data(), owed_.data()}, sim::AddImpulse{}, sum, out);
@@ -530,7 +530,7 @@ private:
     int felt_shapes_ = 0;
     float felt_dt_ = 0.0f;  ///< of the last step
     Buffer<float3, Exec> felt_;
-    Buffer<sim::Impulse, Exec> felt_sum_;
+    Buffer<sim::Impulse, Exec> one_sum_;
     Buffer<tissue::FeltSums, Exec> felt_sums_;
     typename Exec::template Answer<tissue::FeltSums> felt_answer_;
     Buffer<Quad, Exec> plane_;  ///< of the wall before each particle

@@ -95,7 +95,7 @@ void TissueImpl<Exec>::rub(
     Quad* change = change_.reserve(step.lists.n_rows);
     exec_.for_each(step.lists.n_rows, tissue::RubPressed<Packet>{pairs, change});
     for (const auto& [phase, rigid] : rigids) {
-        sim::Impulse impulse, *sum = felt_sum_.reserve(1);
+        sim::Impulse impulse, *sum = one_sum_.reserve(1);
         exec_.reduce_in_order(step.lists.n_rows,
             tissue::RubImpulse<Packet, sim::OfPhase>{pairs, {step.state.phase, std::uint8_t(phase)}, rigid.center},
             sim::AddImpulse{}, sim::Impulse{}, sum);

@@ -70,7 +70,8 @@ class Steered:
         raise NotImplementedError
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if self._begun and not name.startswith("_"):
+        steers = self._begun and not name.startswith("_")
+        if steers:
             checks = self._checks()
             if name not in checks:
                 known = ", ".join(checks)
@@ -80,5 +81,5 @@ class Steered:
                 raise AttributeError(f"{self._label}.{name}: {why}")
             value = checks[name].check(value, (self._label, name))
         super().__setattr__(name, value)
-        if self._begun and not name.startswith("_"):
+        if steers:
             Steered.last_change = object()
